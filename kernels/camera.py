@@ -1,0 +1,65 @@
+"""Pinhole camera in kernels: projection and back-projection with integer pixel centres."""
+
+from typing import Any
+
+import warp as wp
+
+
+@wp.struct
+class Camera:
+    """Pinhole intrinsics [px] and image size; integer pixel centres (see dsmap.frame)."""
+
+    fx: wp.float32
+    fy: wp.float32
+    cx: wp.float32
+    cy: wp.float32
+    width: wp.int32
+    height: wp.int32
+
+
+def make_camera(intrinsics: Any) -> Camera:
+    """The kernel struct of a `dsmap.frame.Intrinsics`."""
+    camera = Camera()
+    camera.fx, camera.fy = intrinsics.fx, intrinsics.fy
+    camera.cx, camera.cy = intrinsics.cx, intrinsics.cy
+    camera.width, camera.height = intrinsics.width, intrinsics.height
+    return camera
+
+
+def to_transform(T: Any) -> wp.mat44:
+    """A NumPy pose, shape (4, 4), as a kernel argument."""
+    return wp.mat44(*[float(v) for v in T.reshape(16)])
+
+
+@wp.func
+def project(camera: Camera, p: wp.vec3) -> wp.vec2:
+    """pi(K p): image coordinates [px] of a camera-frame point with p.z > 0."""
+    return wp.vec2(camera.fx * p[0] / p[2] + camera.cx, camera.fy * p[1] / p[2] + camera.cy)
+
+
+@wp.func
+def pixel_of(coordinate: float) -> int:
+    """The pixel whose area contains an image coordinate."""
+    return int(wp.floor(coordinate + 0.5))
+
+
+@wp.func
+def ray(camera: Camera, x: float, y: float) -> wp.vec3:
+    """Viewing ray K^-1 (x, y, 1) with z = 1."""
+    return wp.vec3((x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy, 1.0)
+
+
+@wp.func
+def rotate(T: wp.mat44, v: wp.vec3) -> wp.vec3:
+    """Rotation part of a rigid transform applied to a direction."""
+    return wp.vec3(
+        T[0, 0] * v[0] + T[0, 1] * v[1] + T[0, 2] * v[2],
+        T[1, 0] * v[0] + T[1, 1] * v[1] + T[1, 2] * v[2],
+        T[2, 0] * v[0] + T[2, 1] * v[1] + T[2, 2] * v[2],
+    )
+
+
+@wp.func
+def transform(T: wp.mat44, p: wp.vec3) -> wp.vec3:
+    """A rigid transform applied to a point."""
+    return rotate(T, p) + wp.vec3(T[0, 3], T[1, 3], T[2, 3])

@@ -1,0 +1,107 @@
+"""Launching kernels over rows of an image or over surfels, on every core of a CPU or on CUDA.
+
+Warp runs a CPU launch on one thread but releases the GIL, so a launch is cut into slices that a thread
+pool runs side by side. A kernel written for this module takes a `Slice` as its FIRST argument:
+
+    row, lane = wp.tid()                      # image kernel, see launch_rows
+    y = s.first + row
+    for x in range(lane, width, s.step): ...
+
+    block = s.first + wp.tid()                # surfel kernel, see launch_items
+    for i in range(block * s.step, wp.min((block + 1) * s.step, s.count)): ...
+
+On the CPU one thread does a whole row (or a block of surfels), because a Warp CPU thread costs about 4 ns;
+on CUDA one thread does one pixel (or one surfel). CPU atomics are not atomic across slices: a kernel
+writes only its own rows or items, or a buffer of its own slice (`s.index`) that is merged by an
+operation which does not depend on order (min, or a sum in row order). So results never depend on the
+number of cores.
+"""
+
+import functools
+import os
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import warp as wp
+
+wp.config.quiet = True
+wp.config.enable_backward = False
+
+CPU_BLOCK = 2048
+"""Surfels that one CPU thread of `launch_items` walks through."""
+_SMALL = 20_000
+"""Below this many pixels or surfels a second thread costs more than it saves."""
+
+
+@wp.struct
+class Slice:
+    """Which part of a launch a kernel invocation belongs to."""
+
+    index: wp.int32  # number of the slice: 0 .. num_slices - 1
+    first: wp.int32  # first row or block of the slice
+    step: wp.int32  # launch_rows: lanes a row; launch_items: surfels a block
+    count: wp.int32  # rows, or surfels, of the whole launch
+
+
+def num_threads() -> int:
+    """CPU threads that a launch uses: `DSMAP_THREADS`, or the cores this process may run on."""
+    return int(os.environ.get("DSMAP_THREADS", 0)) or len(os.sched_getaffinity(0))
+
+
+@functools.cache
+def _pool() -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(max_workers=num_threads(), thread_name_prefix="dsmap-launch")
+
+
+def num_slices(device: Any) -> int:
+    """How many slices a launch on `device` has at most: the size of a per-slice buffer's first axis."""
+    return 1 if wp.get_device(device).is_cuda else num_threads()
+
+
+@functools.lru_cache(maxsize=1024)
+def _slices(units: int, count: int, step: int, slices: int) -> list[tuple[Slice, int]]:
+    result = []
+    for index in range(slices):
+        first, last = units * index // slices, units * (index + 1) // slices
+        part = Slice()
+        part.index, part.first, part.step, part.count = index, first, step, count
+        result.append((part, last - first))
+    return result
+
+
+def launch_rows(
+    kernel: Any, rows: int, width: int, inputs: Sequence[Any], outputs: Sequence[Any], device: Any, lanes: int = 0
+) -> None:
+    """Launch an image kernel; `width` is the number of columns its threads share.
+
+    `lanes` > 0 fixes the threads a row on every device (for reductions: one partial sum a lane).
+    """
+    if wp.get_device(device).is_cuda:
+        lanes, slices = lanes or width, 1
+    else:
+        lanes, slices = lanes or 1, num_threads() if rows * width >= _SMALL else 1
+    parts = _slices(rows, rows, lanes, slices)
+    _run(kernel, [(part, (n, lanes)) for part, n in parts], inputs, outputs, device)
+
+
+def launch_items(kernel: Any, count: int, inputs: Sequence[Any], outputs: Sequence[Any], device: Any) -> None:
+    """Launch a kernel over `count` surfels (or any other list)."""
+    if count == 0:
+        return
+    if wp.get_device(device).is_cuda:
+        step, slices = 1, 1
+    else:
+        step, slices = CPU_BLOCK, num_threads() if count >= _SMALL else 1
+    blocks = (count + step - 1) // step
+    _run(kernel, _slices(blocks, count, step, slices), inputs, outputs, device)
+
+
+def _run(kernel: Any, parts: Sequence[tuple[Slice, Any]], inputs: Sequence, outputs: Sequence, device: Any) -> None:
+    def one(part: Slice, dim: Any) -> None:
+        wp.launch(kernel, dim=dim, inputs=[part, *inputs], outputs=list(outputs), device=device)
+
+    waiting = [_pool().submit(one, part, dim) for part, dim in parts[1:]]
+    one(*parts[0])
+    for future in waiting:
+        future.result()

@@ -1,0 +1,119 @@
+"""The arrays that kernels share: surfels, the maps of a camera frame, the maps predicted from the model.
+
+Structures of arrays. An invalid pixel has vertex.z == 0 and normal == 0; an empty index is -1.
+"""
+
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from dsmap.classes import NUM_CLASSES
+
+NUM_EVIDENCE = NUM_CLASSES - 1
+"""Columns of label evidence: the 13 classes; void has none."""
+GROWTH = 1.25
+"""Capacity factor of a growing map; keeps allocated memory below 1.25 x the surfels' own bytes."""
+
+
+@dataclass
+class FrameMaps:
+    """Maps of one camera frame at one pyramid level, in the camera frame. Shapes (H, W)."""
+
+    depth: wp.array  # float32 [m], 0 invalid
+    vertex: wp.array  # vec3 [m]
+    normal: wp.array  # vec3, towards the camera
+    intensity: wp.array  # float32 in [0, 1]
+    radius: wp.array | None = None  # float32 [m], level 0 only
+    colour: wp.array | None = None  # vec3 RGB in [0, 1], level 0 only
+    edge: wp.array | None = None  # uint8, 1 on depth edges, level 0 only
+
+
+@dataclass
+class ModelMaps:
+    """What the model looks like from a camera pose, in that camera's frame. Shapes (H, W)."""
+
+    index: wp.array  # int32 surfel seen by the pixel, -1 where none
+    vertex: wp.array  # vec3 [m]
+    normal: wp.array  # vec3
+    colour: wp.array  # vec3 RGB in [0, 1]
+    time: wp.array  # int32, frame number of the surfel's last update; -1 where none
+    label: wp.array  # uint8 class id; 0 where none or never labelled
+
+    @staticmethod
+    def empty(height: int, width: int, device: Any) -> "ModelMaps":
+        """Allocate the maps of one view; nothing visible yet."""
+        shape = (height, width)
+        return ModelMaps(
+            index=wp.full(shape, -1, dtype=wp.int32, device=device),
+            vertex=wp.zeros(shape, dtype=wp.vec3, device=device),
+            normal=wp.zeros(shape, dtype=wp.vec3, device=device),
+            colour=wp.zeros(shape, dtype=wp.vec3, device=device),
+            time=wp.full(shape, -1, dtype=wp.int32, device=device),
+            label=wp.zeros(shape, dtype=wp.uint8, device=device),
+        )
+
+
+@dataclass
+class SurfelMap:
+    """All surfels, in order of insertion. Only the first `count` rows of every array are in use.
+
+    A surfel with weight 0 is dead: every kernel skips it until compaction removes it.
+    """
+
+    count: int
+    position: wp.array  # vec3 [m], world frame
+    normal: wp.array  # vec3, world frame
+    colour: wp.array  # vec3 RGB in [0, 1]
+    weight: wp.array  # float32, surfel confidence w
+    radius: wp.array  # float32 [m]
+    t_created: wp.array  # int32, frame number t_0
+    t_updated: wp.array  # int32, frame number t of the last update
+    label: wp.array  # uint8, argmax of the evidence; 0 = never labelled
+    observations: wp.array  # float32, label observations n (sum of their weights)
+    evidence: wp.array  # float32, shape (capacity, 13): sum of log p (bayes, geometric) or of p (mean)
+
+    @staticmethod
+    def empty(device: Any, capacity: int = 1 << 16) -> "SurfelMap":
+        """A map without surfels."""
+        return SurfelMap(count=0, **_allocate(capacity, device))
+
+    @property
+    def device(self) -> Any:
+        return self.position.device
+
+    @property
+    def capacity(self) -> int:
+        return self.position.shape[0]
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes allocated for surfels."""
+        return sum(getattr(self, name).capacity for name in ARRAYS)
+
+    def reserve(self, capacity: int) -> None:
+        """Make room for `capacity` surfels, growing by at least GROWTH; there is no upper limit."""
+        if capacity <= self.capacity:
+            return
+        for name, new in _allocate(max(capacity, int(self.capacity * GROWTH)), self.device).items():
+            wp.copy(new, getattr(self, name), count=self.count * (NUM_EVIDENCE if name == "evidence" else 1))
+            setattr(self, name, new)
+
+    def numpy(self) -> dict[str, np.ndarray]:
+        """The surfels in use, by array name; views without a copy on the CPU."""
+        return {name: getattr(self, name).numpy()[: self.count] for name in ARRAYS}
+
+
+ARRAYS = tuple(field.name for field in fields(SurfelMap) if field.name != "count")
+"""Names of the arrays of a SurfelMap."""
+
+
+def _allocate(capacity: int, device: Any) -> dict[str, wp.array]:
+    dtypes = {
+        "position": wp.vec3, "normal": wp.vec3, "colour": wp.vec3, "weight": wp.float32, "radius": wp.float32,
+        "t_created": wp.int32, "t_updated": wp.int32, "label": wp.uint8, "observations": wp.float32,
+    }  # fmt: skip
+    arrays = {name: wp.zeros(capacity, dtype=dtype, device=device) for name, dtype in dtypes.items()}
+    arrays["evidence"] = wp.zeros((capacity, NUM_EVIDENCE), dtype=wp.float32, device=device)
+    return arrays

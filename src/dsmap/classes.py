@@ -1,0 +1,36 @@
+"""The 13 NYUv2 classes of Couprie et al. plus void (0), with names and colours."""
+
+import numpy as np
+
+VOID = 0
+"""Unlabelled: ignored by the loss, never scored, the label of a surfel that was never observed."""
+
+CLASS_NAMES: tuple[str, ...] = (
+    "void", "bed", "books", "ceiling", "chair", "floor", "furniture",
+    "objects", "picture", "sofa", "table", "tv", "wall", "window",
+)  # fmt: skip
+
+NUM_CLASSES = len(CLASS_NAMES)
+"""14: void and the 13 classes."""
+
+PALETTE = np.array(
+    [
+        (40, 40, 40), (214, 39, 40), (140, 86, 75), (199, 199, 219), (255, 127, 14), (152, 118, 84),
+        (31, 119, 180), (227, 119, 194), (148, 103, 189), (44, 160, 44), (188, 189, 34), (23, 190, 207),
+        (158, 202, 225), (255, 221, 120),
+    ],
+    dtype=np.uint8,
+)  # fmt: skip
+"""RGB colour of each class, shape (14, 3)."""
+
+
+def colourise(labels: np.ndarray) -> np.ndarray:
+    """Class ids, any shape, to RGB uint8, shape (..., 3)."""
+    return PALETTE[np.minimum(labels, NUM_CLASSES - 1)]
+
+
+def as_records() -> list[dict]:
+    """The content of `classes.json`: one record of id, name and colour a class."""
+    return [
+        {"id": i, "name": name, "color": [int(v) for v in PALETTE[i]]} for i, name in enumerate(CLASS_NAMES)
+    ]

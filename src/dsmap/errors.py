@@ -1,0 +1,9 @@
+"""The one error that means "your input is wrong", as opposed to "dsmap is wrong"."""
+
+
+class InputError(Exception):
+    """Bad input from outside: a missing file, a wrong size, a foreign checkpoint.
+
+    The message is one sentence that names the file, the value found and what was expected.
+    The command line prints it without a traceback and exits with code 2.
+    """

@@ -1,0 +1,62 @@
+"""A camera frame, its intrinsics and the pixel-centre convention that all of dsmap uses.
+
+Convention: INTEGER pixel centres. The centre of the top-left pixel has the image coordinates (0, 0), so
+`x = fx * X / Z + cx` rounds to the pixel's index. A file that says `pixel_center: half` (centres at .5,
+as renderers do) is converted on reading by subtracting 0.5 from cx and cy. Camera axes: x right, y down,
+z forward; depth is planar z [m].
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Intrinsics:
+    """Pinhole camera, integer pixel centres; `distortion` is radtan (k1, k2, p1, p2, k3) or None."""
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    distortion: tuple[float, float, float, float, float] | None = None
+
+    @property
+    def K(self) -> np.ndarray:
+        """Camera matrix [px], shape (3, 3)."""
+        return np.array([[self.fx, 0, self.cx], [0, self.fy, self.cy], [0, 0, 1]], dtype=np.float64)
+
+    def scaled(self, width: int, height: int) -> "Intrinsics":
+        """The same camera at another image size: x' = (x + 0.5) * s - 0.5 for integer pixel centres."""
+        sx, sy = width / self.width, height / self.height
+        return replace(
+            self,
+            width=width,
+            height=height,
+            fx=self.fx * sx,
+            fy=self.fy * sy,
+            cx=(self.cx + 0.5) * sx - 0.5,
+            cy=(self.cy + 0.5) * sy - 0.5,
+        )
+
+
+@dataclass
+class Frame:
+    """One colour image with the depth image registered to it, and whatever ground truth there is."""
+
+    index: int
+    """Position in the sequence after association (and `--start/--stride`: the index in the recording)."""
+    time: float
+    """Colour time stamp [s]."""
+    rgb: np.ndarray
+    """Colour, uint8, shape (H, W, 3), RGB order."""
+    depth: np.ndarray
+    """Planar depth [m], float32, shape (H, W); 0 where there is none."""
+    T_world_camera: np.ndarray | None = None
+    """Given pose (ground truth or pseudo ground truth), float64, shape (4, 4)."""
+    label: np.ndarray | None = None
+    """Ground-truth class ids, uint8, shape (H, W); None where this frame has no labels."""
+    instance: np.ndarray | None = None
+    """Ground-truth instance ids, uint16, shape (H, W)."""

@@ -1,0 +1,65 @@
+"""The command line: `dsmap <command> [options]`. One module a command, imported only when it is called."""
+
+import importlib
+import sys
+
+import tyro
+
+from dsmap.errors import InputError
+
+COMMANDS: dict[str, tuple[str, str]] = {
+    "map": ("dsmap.tools.map", "Map an RGB-D recording: trajectory, surfels, labels, pictures."),
+    "info": ("dsmap.tools.info", "Say what dsmap understands of a recording, without mapping it."),
+    "evaluate": ("dsmap.tools.evaluate", "Score a run against a reference, or a network on labelled images."),
+    "view": ("dsmap.tools.view", "Show a run in the browser, or render it to pictures."),
+    "bench": ("dsmap.tools.bench", "Time every stage, and a peer on the same frames in the same run."),
+    "render-scene": ("dsmap.tools.render_scene", "Render a labelled RGB-D sequence of a synthetic room."),
+    "train": ("dsmap.tools.train", "Train DS-Net on sequences or on images with labels."),
+    "cut": ("dsmap.tools.cut", "Copy a stretch of a recording into a new sequence in the TUM layout."),
+}
+"""Command name to (module, one line of help). Each module has `Args` (a dataclass) and `main(args)`."""
+
+_PACKAGE_EXTRA = {
+    "torch": "dsnet", "torchmetrics": "dsnet", "mujoco": "sim", "mujoco_warp": "sim", "trimesh": "sim",
+    "pyrender": "sim", "viser": "view", "open3d": "bench", "evo": "bench",
+}  # fmt: skip
+
+
+def usage() -> str:
+    """The help text of `dsmap` alone."""
+    width = max(map(len, COMMANDS))
+    lines = [f"  {name:<{width}}  {text}" for name, (_, text) in COMMANDS.items()]
+    return "usage: dsmap <command> [options]\n\n" + "\n".join(lines) + "\n\n`dsmap <command> --help` lists options."
+
+
+def run(command: str, argv: list[str]) -> int:
+    """Parse `argv` for one command and run it; returns the exit code."""
+    try:
+        module = importlib.import_module(COMMANDS[command][0])
+        args = tyro.cli(module.Args, args=argv, prog=f"dsmap {command}", description=COMMANDS[command][1])
+        return int(module.main(args) or 0)
+    except InputError as error:
+        print(f"dsmap {command}: {error}", file=sys.stderr)
+        return 2
+    except ModuleNotFoundError as error:
+        extra = _PACKAGE_EXTRA.get((error.name or "").split(".")[0])
+        if extra is None:
+            raise
+        print(f"dsmap {command}: needs {error.name}; install it with: pip install 'dsmap[{extra}]'", file=sys.stderr)
+        return 2
+
+
+def main() -> None:
+    """Entry point of the `dsmap` program."""
+    argv = sys.argv[1:]
+    if not argv or argv[0] in ("-h", "--help"):
+        print(usage())
+        sys.exit(0 if argv else 2)
+    if argv[0] not in COMMANDS:
+        print(f"dsmap: unknown command {argv[0]!r}; expected one of: {', '.join(COMMANDS)}", file=sys.stderr)
+        sys.exit(2)
+    sys.exit(run(argv[0], argv[1:]))
+
+
+if __name__ == "__main__":
+    main()
