@@ -25,8 +25,7 @@ from typing import Any
 
 import warp as wp
 
-wp.config.quiet = True
-wp.config.enable_backward = False
+import dsmap.kernels.runtime  # noqa: F401  (Warp's settings come before its first use)
 
 CPU_BLOCK = 2048
 """Surfels that one CPU thread of `launch_items` walks through."""
@@ -97,7 +96,15 @@ def launch_items(kernel: Any, count: int, inputs: Sequence[Any], outputs: Sequen
     _run(kernel, _slices(blocks, count, step, slices), inputs, outputs, device)
 
 
+@functools.cache
+def _load(module: Any, device: str) -> None:
+    # Before the slices start: two threads that find a module unloaded would both compile it.
+    module.load(wp.get_device(device))
+
+
 def _run(kernel: Any, parts: Sequence[tuple[Slice, Any]], inputs: Sequence, outputs: Sequence, device: Any) -> None:
+    _load(kernel.module, wp.get_device(device).alias)
+
     def one(part: Slice, dim: Any) -> None:
         wp.launch(kernel, dim=dim, inputs=[part, *inputs], outputs=list(outputs), device=device)
 

@@ -1,0 +1,89 @@
+"""Every parameter of mapping, with the published constants as defaults (sources in docs/architecture.md)."""
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+
+@dataclass
+class TrackConfig:
+    """Frame-to-model tracking (Eq. 1-3)."""
+
+    iterations: tuple[int, ...] = (6, 5, 4)
+    """Gauss-Newton iterations a pyramid level, fine to coarse; each level stops early when it converges."""
+    stride: tuple[int, ...] = (2, 1, 1)
+    """Every n-th pixel in both directions counts, a level: a quarter of 640x480 constrains six numbers amply."""
+    w_rgb: float = 0.1
+    """Weight of the photometric term (Eq. 3); metres and intensities in [0, 1]."""
+    max_distance: float = 0.10
+    """ICP gate: distance between associated points [m]."""
+    max_angle_deg: float = 20.0
+    """ICP gate: angle between associated normals [deg]."""
+    min_gradient: tuple[float, ...] = (5.0, 3.0, 1.0)
+    """Photometric gate a level: smallest unnormalised Sobel sum [8-bit units]."""
+    max_intensity_step: float = 0.3
+    """Photometric gate: larger differences are occlusions or highlights."""
+    huber_icp: float = 0.01
+    """Residual [m] from which ICP weights fall; 0 = plain least squares."""
+    huber_rgb: float = 0.05
+    """Residual (intensity in [0, 1]) from which photometric weights fall; 0 = plain least squares."""
+    noise_z: float = 0.0
+    """Depth-dependent weight 1 / (1 + noise_z z^2)^2 of ICP residuals; 0 = all alike."""
+    so3: bool = True
+    """Rotation-only pre-alignment on the coarsest level."""
+    min_inlier_fraction: float = 0.25
+    """Fewer associated pixels (of those with depth that fall into the model view): the frame is lost."""
+    max_rms: float = 0.03
+    """Larger RMS of inlier point-to-plane residuals [m]: the frame is lost."""
+    max_std: float = 0.02
+    """Largest standard deviation of the pose, in any direction [m, rad], that still counts as tracked."""
+
+
+@dataclass
+class SurfelConfig:
+    """The surfel map."""
+
+    max_ray_distance: float = 0.05
+    """Association: distance along the viewing ray [m]."""
+    max_angle: float = 0.5
+    """Association: angle between normals [rad]."""
+    stable_weight: float = 10.0
+    """Surfel confidence from which a surfel is stable."""
+    unstable_frames: int = 20
+    """An unstable surfel not seen for this many frames is dropped."""
+    active_window: int = 200
+    """Surfels updated within this many frames are active."""
+
+
+@dataclass
+class LabelConfig:
+    """Label fusion (Eq. 5-6)."""
+
+    rule: Literal["bayes", "mean", "geometric"] = "bayes"
+    """bayes: the paper's product; geometric: its n-th root; mean: arithmetic mean of probabilities."""
+    every: int = 1
+    """Segment every n-th frame; 0: keyframes only."""
+    keyframe_distance: float = 0.15
+    """A keyframe has moved this far [m] from the last one..."""
+    keyframe_angle_deg: float = 10.0
+    """... or turned this much [deg]."""
+    floor: float = 1e-3
+    """Smallest probability of a class: one zero must not kill a class for good."""
+    temperature: float = 1.0
+    """The posterior's log is divided by this; over-confident products want more than 1."""
+
+
+@dataclass
+class MapConfig:
+    """All of a run's parameters."""
+
+    device: str = "cpu"
+    """Warp device: cpu or cuda:0."""
+    depth_min: float = 0.3
+    """Nearer depth is ignored [m]."""
+    depth_max: float = 3.0
+    """Farther depth is ignored [m], by tracking, fusion and labels alike."""
+    poses: Literal["track", "given"] = "track"
+    """track: estimate the camera's motion; given: take the recording's poses."""
+    track: TrackConfig = field(default_factory=TrackConfig)
+    surfels: SurfelConfig = field(default_factory=SurfelConfig)
+    labels: LabelConfig = field(default_factory=LabelConfig)

@@ -1,0 +1,53 @@
+"""Exponential maps of SO(3) and SE(3), and the small linear algebra of poses, in NumPy float64."""
+
+import numpy as np
+
+
+def hat(w: np.ndarray) -> np.ndarray:
+    """The skew-symmetric matrix of a vector, shape (3, 3): hat(w) @ v = w x v."""
+    return np.array([[0, -w[2], w[1]], [w[2], 0, -w[0]], [-w[1], w[0], 0]], dtype=np.float64)
+
+
+def exp_so3(w: np.ndarray) -> np.ndarray:
+    """Rotation matrix of a rotation vector [rad] (Rodrigues)."""
+    angle = float(np.linalg.norm(w))
+    W = hat(w)
+    if angle < 1e-6:
+        return np.eye(3) + W + 0.5 * W @ W
+    return np.eye(3) + np.sin(angle) / angle * W + (1 - np.cos(angle)) / angle**2 * W @ W
+
+
+def exp_se3(xi: np.ndarray) -> np.ndarray:
+    """exp(xi^) of a twist (translation, rotation): a rigid transform, shape (4, 4)."""
+    t, w = xi[:3], xi[3:]
+    angle = float(np.linalg.norm(w))
+    W = hat(w)
+    if angle < 1e-6:
+        V = np.eye(3) + 0.5 * W
+    else:
+        V = np.eye(3) + (1 - np.cos(angle)) / angle**2 * W + (angle - np.sin(angle)) / angle**3 * W @ W
+    T = np.eye(4)
+    T[:3, :3] = exp_so3(w)
+    T[:3, 3] = V @ t
+    return T
+
+
+def orthonormal(T: np.ndarray) -> np.ndarray:
+    """The rigid transform nearest to T: removes the drift of many multiplications."""
+    U, _, Vt = np.linalg.svd(T[:3, :3])
+    out = T.copy()
+    out[:3, :3] = U @ np.diag([1, 1, np.linalg.det(U @ Vt)]) @ Vt
+    return out
+
+
+def inverse(T: np.ndarray) -> np.ndarray:
+    """Inverse of a rigid transform, shape (4, 4)."""
+    out = np.eye(4)
+    out[:3, :3] = T[:3, :3].T
+    out[:3, 3] = -T[:3, :3].T @ T[:3, 3]
+    return out
+
+
+def rotation_angle(T: np.ndarray) -> float:
+    """Rotation angle of a transform [rad]."""
+    return float(np.arccos(np.clip((np.trace(T[:3, :3]) - 1) / 2, -1, 1)))

@@ -1,0 +1,148 @@
+"""Frame-to-model tracking: joint point-to-plane ICP and photometric Gauss-Newton, coarse to fine (Eq. 1-3)."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import warp as wp
+
+from dsmap.fusion.config import TrackConfig
+from dsmap.fusion.lie import exp_se3, exp_so3
+from dsmap.kernels.camera import Camera
+from dsmap.kernels.odometry import Gates, gradient, joint_normal_equations, rotation_normal_equations
+from dsmap.kernels.preprocess import half_surface
+from dsmap.kernels.types import FrameMaps
+
+_CONVERGED = 3e-5
+"""A step below this (metres and radians alike) ends a level: a twentieth of a pixel at 1 m."""
+_SO3_ITERATIONS = 8
+
+
+@dataclass
+class Health:
+    """How well one frame was tracked."""
+
+    tracked: bool
+    reason: str
+    """Why not, in words; empty when tracked."""
+    inlier_fraction: float
+    """Pixels with an associated model point, of the frame's pixels with depth."""
+    rms_icp: float
+    """RMS of inlier point-to-plane residuals [m]."""
+    rms_rgb: float
+    """RMS of photometric residuals, intensity in [0, 1]."""
+    covariance: np.ndarray
+    """Of the twist (translation [m], rotation [rad]), shape (6, 6)."""
+    information_icp: float
+    """Share of the information (trace of the normalised J^T J) that comes from ICP."""
+
+
+class ModelView:
+    """The active model as predicted from one pose: pyramids of vertex, normal, intensity, gradient."""
+
+    def __init__(self, vertex: wp.array, normal: wp.array, intensity: wp.array, levels: int, T_world_camera: np.ndarray):
+        self.T_world_camera = T_world_camera
+        self.levels = []
+        for level in range(levels):
+            if level:
+                vertex, normal, intensity = half_surface(vertex, normal, intensity)
+            self.levels.append((vertex, normal, intensity, gradient(intensity, vertex)))
+
+
+class Tracker:
+    """Estimates T_prev_cur between the last model view and the current frame."""
+
+    def __init__(self, config: TrackConfig, cameras: Sequence[Camera]):
+        self.config = config
+        self.cameras = cameras
+        self._last_coarse: tuple[wp.array, wp.array] | None = None
+
+    def remember(self, frame: Sequence[FrameMaps]) -> None:
+        """Keep the coarsest intensity image of a tracked frame for the next frame's pre-alignment."""
+        self._last_coarse = (frame[-1].intensity, gradient(frame[-1].intensity))
+
+    def track(self, frame: Sequence[FrameMaps], model: ModelView) -> tuple[np.ndarray, Health]:
+        """Register a frame to a model view.
+
+        Returns:
+            T_prev_cur, shape (4, 4), which takes points of the current camera into the model view's, and
+            the verdict. The transform of a lost frame is the best that was found: do not use it.
+        """
+        T_prev_cur = np.eye(4)
+        if self.config.so3 and self._last_coarse is not None:
+            T_prev_cur[:3, :3] = self._prealign(frame[-1].intensity)
+        icp = rgb = None
+        for level in reversed(range(len(self.cameras))):
+            maps = frame[level]
+            current = (maps.vertex, maps.normal, maps.intensity)
+            gates = self._gates(level)
+            for _ in range(self.config.iterations[level]):
+                icp, rgb = joint_normal_equations(self.cameras[level], T_prev_cur, gates, current, model.levels[level])
+                # Eq. 3: E = E_icp + w_rgb E_rgb
+                xi = _solve(icp[0] + self.config.w_rgb * rgb[0], icp[1] + self.config.w_rgb * rgb[1])
+                if xi is None:
+                    return T_prev_cur, self._verdict(frame, icp, rgb, diverged=True)
+                T_prev_cur = exp_se3(xi) @ T_prev_cur
+                if np.abs(xi).max() < _CONVERGED * 2**level:
+                    break
+        return T_prev_cur, self._verdict(frame, icp, rgb, diverged=not np.isfinite(T_prev_cur).all())
+
+    def _prealign(self, intensity: wp.array) -> np.ndarray:
+        assert self._last_coarse is not None
+        R_prev_cur = np.eye(3)
+        best, best_cost = R_prev_cur, np.inf
+        for _ in range(_SO3_ITERATIONS):
+            A, b, cost, count = rotation_normal_equations(self.cameras[-1], R_prev_cur, intensity, *self._last_coarse)
+            if count < 100 or cost / count >= best_cost:
+                break
+            best, best_cost = R_prev_cur, cost / count
+            w = _solve(A, b)
+            if w is None:
+                break
+            R_prev_cur = exp_so3(w) @ R_prev_cur
+        return best
+
+    def _gates(self, level: int) -> Gates:
+        config, gates = self.config, Gates()
+        gates.max_distance = config.max_distance
+        gates.min_cosine = float(np.cos(np.deg2rad(config.max_angle_deg)))
+        # The published thresholds are unnormalised Sobel sums of 8-bit images; ours divide by 8 and by 255.
+        gates.min_gradient = config.min_gradient[level] / (8 * 255)
+        gates.max_intensity = config.max_intensity_step
+        gates.huber_icp, gates.huber_rgb = config.huber_icp, config.huber_rgb
+        gates.noise_z = config.noise_z
+        gates.stride = config.stride[level]
+        return gates
+
+    def _verdict(self, frame: Sequence[FrameMaps], icp: tuple | None, rgb: tuple | None, diverged: bool) -> Health:
+        if icp is None or rgb is None:
+            return Health(False, "no iterations", 0.0, np.inf, np.inf, np.full((6, 6), np.inf), 0.0)
+        config = self.config
+        valid = np.count_nonzero(frame[0].vertex.numpy()[:: config.stride[0], :: config.stride[0], 2])
+        fraction = icp[3] / max(valid, 1)
+        rms_icp = float(np.sqrt(icp[2] / max(icp[3], 1)))
+        rms_rgb = float(np.sqrt(rgb[2] / max(rgb[3], 1)))
+        A = icp[0] + config.w_rgb * rgb[0]
+        # Residuals of neighbouring pixels are not independent: sigma^2 is the mean of all of them.
+        variance = (icp[2] + config.w_rgb * rgb[2]) / max(icp[3] + rgb[3], 1)
+        covariance = variance * np.linalg.pinv(A) if np.isfinite(A).all() else np.full((6, 6), np.inf)
+        share = float(np.mean(np.diag(icp[0]) / np.maximum(np.diag(A), 1e-12)))
+        std = float(np.sqrt(np.abs(np.linalg.eigvalsh(covariance)).max())) if np.isfinite(covariance).all() else np.inf
+        reasons = [
+            (diverged, "the normal equations have no solution"),
+            (valid == 0, "no depth"),
+            (fraction < config.min_inlier_fraction, f"only {fraction:.0%} of the pixels match the model"),
+            (rms_icp > config.max_rms, f"point-to-plane RMS {rms_icp * 1e3:.1f} mm"),
+            (std > config.max_std, f"pose uncertain by {std * 1e3:.1f} mm or mrad"),
+        ]
+        reason = next((text for bad, text in reasons if bad), "")
+        return Health(not reason, reason, fraction, rms_icp, rms_rgb, covariance, share)
+
+
+def _solve(A: np.ndarray, b: np.ndarray) -> np.ndarray | None:
+    """Solution of a small normal equation, or None where it has none."""
+    try:
+        x = np.linalg.solve(A + 1e-9 * np.trace(A) * np.eye(len(A)), b)
+    except np.linalg.LinAlgError:
+        return None
+    return x if np.isfinite(x).all() else None

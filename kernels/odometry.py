@@ -1,0 +1,253 @@
+"""Residuals of frame-to-model tracking and their normal equations: point-to-plane and photometric.
+
+One pass over the current frame's pixels serves both terms, because both project the same point into the
+same model view. T is T_prev_cur: it takes points of the current camera into the previous one, the model view.
+"""
+
+import numpy as np
+import warp as wp
+
+from dsmap.kernels.camera import Camera, pixel_of, project, ray, rotate, to_transform, transform
+from dsmap.kernels.launch import Slice, launch_rows
+
+SUMS = 29
+"""Sums a residual term: 21 of the upper triangle of J^T J, 6 of J^T r, r^2, number of residuals."""
+CUDA_LANES = 32
+_vec6 = wp.types.vector(length=6, dtype=wp.float32)
+_sums = wp.types.vector(length=SUMS, dtype=wp.float32)
+_sums3 = wp.types.vector(length=11, dtype=wp.float32)
+
+
+@wp.struct
+class Gates:
+    """What a residual must pass to count."""
+
+    max_distance: wp.float32  # [m] between associated points
+    min_cosine: wp.float32  # of the angle between associated normals
+    min_gradient: wp.float32  # of the model's intensity [1 / px]
+    max_intensity: wp.float32  # difference of intensities beyond which a pixel is an occlusion or a highlight
+    huber_icp: wp.float32  # [m] residual from which the weight falls; 0: plain least squares
+    huber_rgb: wp.float32  # likewise for intensity
+    noise_z: wp.float32  # depth noise grows with z^2: weight 1 / (1 + noise_z z^2)^2; 0: all alike
+    stride: wp.int32  # every stride-th pixel of the frame in both directions
+
+
+@wp.func
+def _add(sums: _sums, J: _vec6, r: float, w: float) -> _sums:
+    k = int(0)
+    for i in range(6):
+        for j in range(i, 6):
+            sums[k] += w * J[i] * J[j]
+            k += 1
+    for i in range(6):
+        sums[21 + i] += w * J[i] * r
+    sums[27] += w * r * r
+    sums[28] += 1.0
+    return sums
+
+
+@wp.func
+def _huber(r: float, k: float) -> float:
+    if k > 0.0 and wp.abs(r) > k:
+        return k / wp.abs(r)
+    return 1.0
+
+
+@wp.func
+def _bilinear(image: wp.array2d(dtype=float), u: wp.vec2, x0: int, y0: int) -> float:
+    a = u[0] - float(x0)
+    b = u[1] - float(y0)
+    top = (1.0 - a) * image[y0, x0] + a * image[y0, x0 + 1]
+    bottom = (1.0 - a) * image[y0 + 1, x0] + a * image[y0 + 1, x0 + 1]
+    return (1.0 - b) * top + b * bottom
+
+
+@wp.func
+def _bilinear2(image: wp.array2d(dtype=wp.vec2), u: wp.vec2, x0: int, y0: int) -> wp.vec2:
+    a = u[0] - float(x0)
+    b = u[1] - float(y0)
+    top = (1.0 - a) * image[y0, x0] + a * image[y0, x0 + 1]
+    bottom = (1.0 - a) * image[y0 + 1, x0] + a * image[y0 + 1, x0 + 1]
+    return (1.0 - b) * top + b * bottom
+
+
+@wp.kernel(enable_backward=False)
+def _joint(
+    s: Slice, camera: Camera, T: wp.mat44, gates: Gates,
+    vertex: wp.array2d(dtype=wp.vec3), normal: wp.array2d(dtype=wp.vec3), intensity: wp.array2d(dtype=float),
+    model_vertex: wp.array2d(dtype=wp.vec3), model_normal: wp.array2d(dtype=wp.vec3),
+    model_intensity: wp.array2d(dtype=float), model_gradient: wp.array2d(dtype=wp.vec2),
+    partial_icp: wp.array2d(dtype=_sums), partial_rgb: wp.array2d(dtype=_sums),
+):  # fmt: skip
+    row, lane = wp.tid()
+    y = (s.first + row) * gates.stride
+    icp = _sums()
+    rgb = _sums()
+    for x in range(lane * gates.stride, camera.width, s.step * gates.stride):
+        v = vertex[y, x]
+        if v[2] <= 0.0:
+            continue
+        p = transform(T, v)
+        if p[2] <= 0.0:
+            continue
+        u = project(camera, p)
+        px = pixel_of(u[0])
+        py = pixel_of(u[1])
+        if px < 0 or py < 0 or px >= camera.width or py >= camera.height:
+            continue
+        mv = model_vertex[py, px]
+        gap = mv - p
+        if mv[2] <= 0.0 or wp.dot(gap, gap) > gates.max_distance * gates.max_distance:
+            continue
+        noise = 1.0 / (1.0 + gates.noise_z * v[2] * v[2])
+        mn = model_normal[py, px]
+        if wp.dot(rotate(T, normal[y, x]), mn) > gates.min_cosine:
+            # Eq. 1: ((v^k - exp(xi^) T v_t^k) . n^k)^2, with d(exp(xi^) p) = t + omega x p
+            r = wp.dot(gap, mn)
+            moment = wp.cross(p, mn)
+            J = _vec6(mn[0], mn[1], mn[2], moment[0], moment[1], moment[2])
+            icp = _add(icp, J, r, noise * noise * _huber(r, gates.huber_icp))
+        x0 = int(wp.floor(u[0]))
+        y0 = int(wp.floor(u[1]))
+        if x0 < 0 or y0 < 0 or x0 + 1 >= camera.width or y0 + 1 >= camera.height:
+            continue
+        g = _bilinear2(model_gradient, u, x0, y0)
+        if wp.dot(g, g) < gates.min_gradient * gates.min_gradient:
+            continue
+        # Eq. 2: (I(u, c_t) - I(pi(K exp(xi^) T p(u, D_t)), c^a_{t-1}))^2
+        r = intensity[y, x] - _bilinear(model_intensity, u, x0, y0)
+        if wp.abs(r) > gates.max_intensity:
+            continue
+        gx = g[0] * camera.fx / p[2]
+        gy = g[1] * camera.fy / p[2]
+        d = wp.vec3(gx, gy, -(gx * p[0] + gy * p[1]) / p[2])
+        moment = wp.cross(p, d)
+        J = _vec6(d[0], d[1], d[2], moment[0], moment[1], moment[2])
+        rgb = _add(rgb, J, r, _huber(r, gates.huber_rgb))
+    partial_icp[s.first + row, lane] = icp
+    partial_rgb[s.first + row, lane] = rgb
+
+
+@wp.kernel(enable_backward=False)
+def _rotation(
+    s: Slice, camera: Camera, R: wp.mat44, intensity: wp.array2d(dtype=float),
+    last_intensity: wp.array2d(dtype=float), last_gradient: wp.array2d(dtype=wp.vec2),
+    partial: wp.array2d(dtype=_sums3),
+):  # fmt: skip
+    row, lane = wp.tid()
+    y = s.first + row
+    sums = _sums3()
+    for x in range(lane, camera.width, s.step):
+        q = rotate(R, ray(camera, float(x), float(y)))
+        if q[2] <= 0.1:
+            continue
+        u = project(camera, q)
+        x0 = int(wp.floor(u[0]))
+        y0 = int(wp.floor(u[1]))
+        if x0 < 0 or y0 < 0 or x0 + 1 >= camera.width or y0 + 1 >= camera.height:
+            continue
+        r = intensity[y, x] - _bilinear(last_intensity, u, x0, y0)
+        g = _bilinear2(last_gradient, u, x0, y0)
+        gx = g[0] * camera.fx / q[2]
+        gy = g[1] * camera.fy / q[2]
+        J = wp.cross(q, wp.vec3(gx, gy, -(gx * q[0] + gy * q[1]) / q[2]))
+        w = _huber(r, 0.1)
+        k = int(0)
+        for i in range(3):
+            for j in range(i, 3):
+                sums[k] += w * J[i] * J[j]
+                k += 1
+        for i in range(3):
+            sums[6 + i] += w * J[i] * r
+        sums[9] += w * r * r
+        sums[10] += 1.0
+    partial[s.first + row, lane] = sums
+
+
+@wp.kernel(enable_backward=False)
+def _gradient(
+    s: Slice, intensity: wp.array2d(dtype=float), vertex: wp.array2d(dtype=wp.vec3), masked: int,
+    gradient: wp.array2d(dtype=wp.vec2),
+):  # fmt: skip
+    row, lane = wp.tid()
+    y = s.first + row
+    height, width = intensity.shape[0], intensity.shape[1]
+    for x in range(lane, width, s.step):
+        g = wp.vec2(0.0, 0.0)
+        inside = x > 0 and y > 0 and x < width - 1 and y < height - 1
+        if inside and masked != 0:
+            # A hole has no colour: its border would be the strongest gradient of the image.
+            for k in range(9):
+                if vertex[y - 1 + k / 3, x - 1 + k % 3][2] <= 0.0:
+                    inside = False
+        if inside:
+            ne, nw = intensity[y - 1, x + 1], intensity[y - 1, x - 1]
+            se, sw = intensity[y + 1, x + 1], intensity[y + 1, x - 1]
+            dx = ne - nw + 2.0 * (intensity[y, x + 1] - intensity[y, x - 1]) + se - sw
+            dy = sw - nw + 2.0 * (intensity[y + 1, x] - intensity[y - 1, x]) + se - ne
+            g = wp.vec2(dx, dy) / 8.0
+        gradient[y, x] = g
+
+
+def _lanes(device: wp.Device) -> int:
+    return CUDA_LANES if device.is_cuda else 1
+
+
+def _unpack(sums: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray, float, int]:
+    triangle = n * (n + 1) // 2
+    A = np.zeros((n, n))
+    A[np.triu_indices(n)] = sums[:triangle]
+    A = A + np.triu(A, 1).T
+    return A, sums[triangle : triangle + n], float(sums[triangle + n]), int(sums[triangle + n + 1])
+
+
+def gradient(intensity: wp.array, vertex: wp.array | None = None) -> wp.array:
+    """Sobel gradient of an intensity image [1 / px] (the 3x3 sum divided by 8), vec2, shape (H, W).
+
+    Zero on the border and, where a vertex map is given, next to its holes.
+    """
+    out = wp.empty(intensity.shape, dtype=wp.vec2, device=intensity.device)
+    mask = vertex if vertex is not None else wp.empty((1, 1), dtype=wp.vec3, device=intensity.device)
+    launch_rows(_gradient, *intensity.shape, [intensity, mask, int(vertex is not None)], [out], intensity.device)
+    return out
+
+
+def joint_normal_equations(
+    camera: Camera, T_prev_cur: np.ndarray, gates: Gates, frame: tuple, model: tuple
+) -> tuple[tuple, tuple]:
+    """Normal equations of Eq. 1 and Eq. 2 at the pose T_prev_cur, shape (4, 4).
+
+    Args:
+        frame: vertex, normal and intensity map of the current frame.
+        model: vertex, normal, intensity and intensity gradient predicted from the active model.
+
+    Returns:
+        For ICP and for the photometric term each: J^T J (6, 6), J^T r (6,), sum of squares, count. The
+        twist is (translation [m], rotation [rad]), applied on the left: exp(xi^) T.
+    """
+    device = frame[0].device
+    rows = (camera.height + gates.stride - 1) // gates.stride
+    lanes = _lanes(device)
+    partial = [wp.empty((rows, lanes), dtype=_sums, device=device) for _ in range(2)]
+    inputs = [camera, to_transform(T_prev_cur), gates, *frame, *model]
+    launch_rows(_joint, rows, camera.width // gates.stride, inputs, partial, device, lanes)
+    # Summed in row order, so that the result does not depend on the number of slices.
+    icp, rgb = (p.numpy().reshape(-1, SUMS).sum(axis=0, dtype=np.float64) for p in partial)
+    return _unpack(icp, 6), _unpack(rgb, 6)
+
+
+def rotation_normal_equations(
+    camera: Camera, R_prev_cur: np.ndarray, intensity: wp.array, last_intensity: wp.array, last_gradient: wp.array
+) -> tuple:
+    """Normal equations of rotation-only alignment of two intensity images (SO(3) pre-alignment).
+
+    R_prev_cur has shape (3, 3); returns J^T J (3, 3), J^T r (3,), sum of squares, count.
+    """
+    device = intensity.device
+    T = np.eye(4)
+    T[:3, :3] = R_prev_cur
+    lanes = _lanes(device)
+    partial = wp.empty((camera.height, lanes), dtype=_sums3, device=device)
+    inputs = [camera, to_transform(T), intensity, last_intensity, last_gradient]
+    launch_rows(_rotation, camera.height, camera.width, inputs, [partial], device, lanes)
+    return _unpack(partial.numpy().reshape(-1, 11).sum(axis=0, dtype=np.float64), 3)

@@ -1,0 +1,31 @@
+"""Warp's settings, made once before anything else touches Warp. Import `wp` from here first in a new module."""
+
+import os
+import sys
+import tempfile
+
+import warp as wp
+
+_NO_DRIVER = b"Could not find or load the NVIDIA CUDA driver"
+
+
+def _initialise() -> None:
+    wp.config.log_level = wp.LOG_WARNING
+    wp.config.enable_backward = False
+    # On a machine without a GPU Warp's C++ part warns on stderr at every start; that is the normal case here.
+    # Everything else it says is passed on.
+    sys.stderr.flush()
+    keep = os.dup(2)
+    with tempfile.TemporaryFile() as caught:
+        os.dup2(caught.fileno(), 2)
+        try:
+            wp.init()
+        finally:
+            os.dup2(keep, 2)
+            os.close(keep)
+        caught.seek(0)
+        rest = b"".join(line for line in caught if _NO_DRIVER not in line)
+    os.write(2, rest)
+
+
+_initialise()
