@@ -1,0 +1,216 @@
+"""Fusion of a frame into the map: matched surfels are averaged, unmatched pixels become new surfels."""
+
+import math
+
+import numpy as np
+import warp as wp
+
+from dsmap.kernels.camera import Camera, rotate, to_transform, transform
+from dsmap.kernels.launch import Slice, launch_rows
+from dsmap.kernels.types import FrameMaps, SurfelMap
+
+SIGMA = 0.6
+"""Width of the sample weight over the normalised distance from the image centre (Keller et al. 2013)."""
+RADIUS_RATIO = 1.5
+"""A sample with a radius beyond this multiple of the surfel's is too coarse to be averaged in."""
+
+
+@wp.struct
+class Fusion:
+    """Constants of one fused frame."""
+
+    time: wp.int32  # frame number
+    max_weight: wp.float32  # surfel confidence saturates here
+    half_diagonal: wp.float32  # [px] distance from the image centre that is gamma = 1
+
+
+@wp.func
+def _sample_weight(camera: Camera, x: int, y: int, half_diagonal: float) -> float:
+    """exp(-gamma^2 / (2 0.6^2)): measurements are best in the middle of the image."""
+    dx = float(x) - 0.5 * float(camera.width - 1)
+    dy = float(y) - 0.5 * float(camera.height - 1)
+    gamma2 = (dx * dx + dy * dy) / (half_diagonal * half_diagonal)
+    return wp.exp(-gamma2 / (2.0 * SIGMA * SIGMA))
+
+
+@wp.func
+def _is_represented(
+    camera: Camera,
+    T_camera_world: wp.mat44,
+    x: int,
+    y: int,
+    v: wp.vec3,
+    n: wp.vec3,
+    match: wp.array2d(dtype=wp.int32),
+    position: wp.array(dtype=wp.vec3),
+) -> bool:
+    """Whether a matched surfel of the 3x3 neighbourhood lies within one pixel of it, along the surface."""
+    footprint = v[2] / camera.fx
+    for yy in range(wp.max(y - 1, 0), wp.min(y + 2, camera.height)):
+        for xx in range(wp.max(x - 1, 0), wp.min(x + 2, camera.width)):
+            i = match[yy, xx]
+            if i >= 0:
+                off = transform(T_camera_world, position[i]) - v
+                along = wp.dot(off, n)
+                if wp.dot(off, off) - along * along < footprint * footprint:
+                    return True
+    return False
+
+
+@wp.kernel(enable_backward=False)
+def _find_new(
+    s: Slice,
+    camera: Camera,
+    T_camera_world: wp.mat44,
+    vertex_map: wp.array2d(dtype=wp.vec3),
+    normal_map: wp.array2d(dtype=wp.vec3),
+    edge: wp.array2d(dtype=wp.uint8),
+    match: wp.array2d(dtype=wp.int32),
+    position: wp.array(dtype=wp.vec3),
+    is_new: wp.array2d(dtype=wp.int32),
+):
+    row, lane = wp.tid()
+    y = s.first + row
+    for x in range(lane, camera.width, s.step):
+        v = vertex_map[y, x]
+        n = normal_map[y, x]
+        new = int(0)
+        measured = v[2] > 0.0 and edge[y, x] == wp.uint8(0) and wp.dot(n, n) > 0.0
+        if (
+            match[y, x] < 0
+            and measured
+            and not _is_represented(camera, T_camera_world, x, y, v, n, match, position)
+        ):
+            new = 1
+        is_new[y, x] = new
+
+
+@wp.kernel(enable_backward=False)
+def _average(
+    s: Slice,
+    camera: Camera,
+    T_world_camera: wp.mat44,
+    fusion: Fusion,
+    vertex_map: wp.array2d(dtype=wp.vec3),
+    normal_map: wp.array2d(dtype=wp.vec3),
+    colour_map: wp.array2d(dtype=wp.vec3),
+    radius_map: wp.array2d(dtype=wp.float32),
+    match: wp.array2d(dtype=wp.int32),
+    position: wp.array(dtype=wp.vec3),
+    normal: wp.array(dtype=wp.vec3),
+    colour: wp.array(dtype=wp.vec3),
+    weight: wp.array(dtype=wp.float32),
+    radius: wp.array(dtype=wp.float32),
+    t_updated: wp.array(dtype=wp.int32),
+):
+    row, lane = wp.tid()
+    y = s.first + row
+    for x in range(lane, camera.width, s.step):
+        i = match[y, x]
+        if i >= 0:
+            w = weight[i]
+            a = _sample_weight(camera, x, y, fusion.half_diagonal)
+            if radius_map[y, x] < RADIUS_RATIO * radius[i]:
+                share = a / (w + a)
+                position[i] = wp.lerp(position[i], transform(T_world_camera, vertex_map[y, x]), share)
+                normal[i] = wp.normalize(wp.lerp(normal[i], rotate(T_world_camera, normal_map[y, x]), share))
+                colour[i] = wp.lerp(colour[i], colour_map[y, x], share)
+                radius[i] = wp.lerp(radius[i], radius_map[y, x], share)
+            weight[i] = wp.min(w + a, fusion.max_weight)
+            t_updated[i] = fusion.time
+
+
+@wp.kernel(enable_backward=False)
+def _insert(
+    s: Slice,
+    camera: Camera,
+    T_world_camera: wp.mat44,
+    fusion: Fusion,
+    first: int,
+    rank: wp.array(dtype=wp.int32),
+    vertex_map: wp.array2d(dtype=wp.vec3),
+    normal_map: wp.array2d(dtype=wp.vec3),
+    colour_map: wp.array2d(dtype=wp.vec3),
+    radius_map: wp.array2d(dtype=wp.float32),
+    is_new: wp.array2d(dtype=wp.int32),
+    position: wp.array(dtype=wp.vec3),
+    normal: wp.array(dtype=wp.vec3),
+    colour: wp.array(dtype=wp.vec3),
+    weight: wp.array(dtype=wp.float32),
+    radius: wp.array(dtype=wp.float32),
+    t_created: wp.array(dtype=wp.int32),
+    t_updated: wp.array(dtype=wp.int32),
+    label: wp.array(dtype=wp.uint8),
+    observations: wp.array(dtype=wp.float32),
+    evidence: wp.array2d(dtype=wp.float32),
+):
+    row, lane = wp.tid()
+    y = s.first + row
+    for x in range(lane, camera.width, s.step):
+        if is_new[y, x] == 1:
+            i = first + rank[y * camera.width + x]
+            position[i] = transform(T_world_camera, vertex_map[y, x])
+            normal[i] = rotate(T_world_camera, normal_map[y, x])
+            colour[i] = colour_map[y, x]
+            weight[i] = _sample_weight(camera, x, y, fusion.half_diagonal)
+            radius[i] = radius_map[y, x]
+            t_created[i] = fusion.time
+            t_updated[i] = fusion.time
+            label[i] = wp.uint8(0)
+            observations[i] = 0.0
+            for k in range(evidence.shape[1]):
+                evidence[i, k] = 0.0
+
+
+def fuse_frame(
+    surfels: SurfelMap,
+    camera: Camera,
+    T_world_camera: np.ndarray,
+    frame: FrameMaps,
+    match: wp.array,
+    *,
+    time: int,
+    max_weight: float = math.inf,
+) -> int:
+    """Fuse a frame (its level-0 maps) into the map; returns how many surfels were inserted.
+
+    A matched surfel becomes the weighted mean of itself and the pixel (position, normal, colour, radius),
+    with the sample weight exp(-gamma^2 / (2 0.6^2)); its weight grows by that up to `max_weight` (a cap
+    makes the mean follow newer frames). A sample much coarser than the surfel, seen from further away or
+    at a flatter angle, only confirms it (weight and time): averaging it in would wash out detail.
+
+    An unmatched pixel with a normal, off depth edges, becomes a surfel, unless a matched surfel of its
+    3x3 neighbourhood lies within one pixel footprint d/f of it along the surface. Without that rule every
+    small motion leaves pixels without a surfel of their own and the map fills with copies; with it there
+    is about one surfel a pixel of the finest view. New surfels are appended in image order.
+    match: int32, shape (H, W), from `associate`; time: frame number.
+    """
+    m, device, shape = surfels, surfels.device, match.shape
+    to_world, from_world = to_transform(T_world_camera), to_transform(np.linalg.inv(T_world_camera))
+    fusion = Fusion()
+    fusion.time, fusion.max_weight = time, max_weight
+    fusion.half_diagonal = 0.5 * math.hypot(camera.width - 1, camera.height - 1)
+    is_new = wp.empty(shape, dtype=wp.int32, device=device)
+    inputs = [camera, from_world, frame.vertex, frame.normal, frame.edge, match, m.position]
+    launch_rows(_find_new, *shape, inputs, [is_new], device)
+    maps = [frame.vertex, frame.normal, frame.colour, frame.radius]
+    outputs = [m.position, m.normal, m.colour, m.weight, m.radius, m.t_updated]
+    launch_rows(_average, *shape, [camera, to_world, fusion, *maps, match], outputs, device)
+
+    rank, inserted = _ranks(is_new)
+    if inserted:
+        m.reserve(m.count + inserted)
+        inputs = [camera, to_world, fusion, m.count, rank, *maps, is_new]
+        outputs = [m.position, m.normal, m.colour, m.weight, m.radius, m.t_created, m.t_updated]
+        launch_rows(_insert, *shape, inputs, [*outputs, m.label, m.observations, m.evidence], device)
+        m.count += inserted
+    return inserted
+
+
+def _ranks(flags: wp.array) -> tuple[wp.array, int]:
+    """For flags of 0 and 1, shape (H, W): how many are set before each pixel, shape (H * W), and in all."""
+    flat = flags.flatten()
+    rank = wp.empty_like(flat)
+    wp.utils.array_scan(flat, rank, inclusive=False)
+    last = flat.shape[0] - 1
+    return rank, int(rank[last:].numpy()[0] + flat[last:].numpy()[0])

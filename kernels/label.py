@@ -1,0 +1,228 @@
+"""Label fusion: every visible surfel gathers the class probabilities of the pixel that it projects to."""
+
+from typing import Any, Literal
+
+import numpy as np
+import warp as wp
+
+from dsmap.classes import NUM_CLASSES
+from dsmap.errors import InputError
+from dsmap.kernels.camera import Camera, pixel_of, project, to_transform, transform
+from dsmap.kernels.launch import Slice, launch_items, launch_rows
+from dsmap.kernels.types import NUM_EVIDENCE, SurfelMap
+
+Rule = Literal["bayes", "mean", "geometric"]
+"""How observations combine: product (Eq. 5-6), arithmetic mean, or geometric mean of the probabilities."""
+
+vec14 = wp.types.vector(NUM_CLASSES, wp.float32)
+vec13 = wp.types.vector(NUM_EVIDENCE, wp.float32)
+_VOID_LIMIT = wp.constant(0.999)
+
+
+@wp.struct
+class Gate:
+    """Which surfels a label image is seen by."""
+
+    max_distance: wp.float32  # [m] between a surfel's depth and its pixel's
+    max_distance_z2: wp.float32  # [1/m] or this times depth squared, where that is more
+    t_min: wp.int32  # frame number: older surfels are not asked
+
+
+@wp.kernel(enable_backward=False)
+def _prepare(
+    s: Slice,
+    floor: float,
+    use_log: int,
+    probabilities: wp.array2d(dtype=vec14),
+    observed: wp.array2d(dtype=vec13),
+    valid: wp.array2d(dtype=wp.uint8),
+):
+    row, lane = wp.tid()
+    y = s.first + row
+    for x in range(lane, probabilities.shape[1], s.step):
+        p = probabilities[y, x]
+        total = float(0.0)
+        for k in range(1, 14):
+            total += p[k]
+        ok = wp.uint8(0)
+        # The comparison is written so that NaN is no observation.
+        if total > 1.0e-6 and p[0] <= _VOID_LIMIT:
+            ok = wp.uint8(1)
+            q = vec13()
+            for k in range(13):
+                q[k] = p[k + 1] / total
+                if use_log == 1:
+                    q[k] = wp.log(wp.max(q[k], floor))
+            observed[y, x] = q
+        valid[y, x] = ok
+
+
+@wp.func
+def _add_corner(
+    total: vec13,
+    x: int,
+    y: int,
+    share: float,
+    observed: wp.array2d(dtype=vec13),
+) -> vec13:
+    """total + share * observed[y, x], leaving the pixel alone where the share is nothing."""
+    if share > 0.0:
+        return total + share * observed[y, x]
+    return total
+
+
+@wp.kernel(enable_backward=False)
+def _observe(
+    s: Slice,
+    camera: Camera,
+    T_camera_world: wp.mat44,
+    gate: Gate,
+    is_log: int,
+    depth: wp.array2d(dtype=wp.float32),
+    edge: wp.array2d(dtype=wp.uint8),
+    observed: wp.array2d(dtype=vec13),
+    valid: wp.array2d(dtype=wp.uint8),
+    position: wp.array(dtype=wp.vec3),
+    weight: wp.array(dtype=wp.float32),
+    t_updated: wp.array(dtype=wp.int32),
+    evidence: wp.array(dtype=vec13),
+    observations: wp.array(dtype=wp.float32),
+    label: wp.array(dtype=wp.uint8),
+):
+    block = s.first + wp.tid()
+    low_height = valid.shape[0]
+    low_width = valid.shape[1]
+    x_scale = float(low_width) / float(camera.width)
+    y_scale = float(low_height) / float(camera.height)
+    for i in range(block * s.step, wp.min((block + 1) * s.step, s.count)):
+        if weight[i] <= 0.0 or t_updated[i] < gate.t_min:
+            continue
+        p = transform(T_camera_world, position[i])
+        if p[2] <= 0.0:
+            continue
+        u = project(camera, p)
+        if u[0] < -0.5 or u[1] < -0.5 or u[0] >= float(camera.width) or u[1] >= float(camera.height):
+            continue
+        x = pixel_of(u[0])
+        y = pixel_of(u[1])
+        if x >= camera.width or y >= camera.height:
+            continue
+        d = depth[y, x]
+        if d <= 0.0 or edge[y, x] != wp.uint8(0):
+            continue
+        if wp.abs(p[2] - d) >= wp.max(gate.max_distance, gate.max_distance_z2 * d * d):
+            continue
+        # Bilinear over whole images with integer pixel centres; the border repeats.
+        a = wp.clamp((float(x) + 0.5) * x_scale - 0.5, 0.0, float(low_width - 1))
+        b = wp.clamp((float(y) + 0.5) * y_scale - 0.5, 0.0, float(low_height - 1))
+        x0 = int(a)
+        y0 = int(b)
+        x1 = wp.min(x0 + 1, low_width - 1)
+        y1 = wp.min(y0 + 1, low_height - 1)
+        a = a - float(x0)
+        b = b - float(y0)
+        s00 = (1.0 - a) * (1.0 - b) * float(valid[y0, x0])
+        s01 = a * (1.0 - b) * float(valid[y0, x1])
+        s10 = (1.0 - a) * b * float(valid[y1, x0])
+        s11 = a * b * float(valid[y1, x1])
+        share = s00 + s01 + s10 + s11
+        if share < 0.5:
+            continue
+        e = _add_corner(vec13(), x0, y0, s00, observed)
+        e = _add_corner(e, x1, y0, s01, observed)
+        e = _add_corner(e, x0, y1, s10, observed)
+        e = _add_corner(e, x1, y1, s11, observed)
+        # Eq. 5-6 in log space: log p(l | K_1..t) = log p(l | K_t) + log p(l | K_1..t-1) - log Z.
+        e = evidence[i] + e / share
+        best = int(0)
+        top = e[0]
+        for k in range(1, 13):
+            if e[k] > top:
+                top = e[k]
+                best = k
+        if is_log == 1:
+            # Only differences count: the best class stays at 0, where float32 is finest.
+            for k in range(13):
+                e[k] = e[k] - top
+        evidence[i] = e
+        observations[i] = observations[i] + 1.0
+        label[i] = wp.uint8(best + 1)
+
+
+def _rows_as_vectors(evidence: wp.array) -> wp.array:
+    """The evidence array, shape (capacity, 13), as vectors of 13 on the same memory."""
+    return wp.array(ptr=evidence.ptr, shape=evidence.shape[0], dtype=vec13, device=evidence.device)
+
+
+def update_labels(
+    surfels: SurfelMap,
+    camera: Camera,
+    T_world_camera: np.ndarray,
+    depth: wp.array,
+    edge: wp.array,
+    probabilities: Any,
+    *,
+    rule: Rule = "bayes",
+    floor: float = 1e-3,
+    max_distance: float = 0.05,
+    max_distance_z2: float = 0.0,
+    t_min: int = 0,
+) -> None:
+    """Fuse one frame's class probabilities into the evidence of every surfel that the camera sees.
+
+    A surfel updated since frame t_min is seen where its depth differs from its pixel's by less than
+    max(max_distance [m], max_distance_z2 [1/m] x depth^2), off depth edges. The 13 classes are
+    renormalised without void; pixels that are void (> 0.999), NaN or all zero say nothing.
+    bayes, geometric: evidence += log max(p, floor) (Eq. 5-6 in log space; the floor keeps one zero from
+    killing a class), up to a constant that makes each row's maximum 0. mean: evidence += p.
+    The label becomes the class of most evidence, observations grow by 1.
+
+    depth [m], edge: the frame's maps, shapes (H, W).
+    probabilities: float32, shape (h, w, 14), NumPy or Warp, any resolution of the whole image; sampled
+    bilinearly (log probabilities for bayes and geometric) at the pixel's centre.
+    Raises InputError for probabilities of another shape.
+    """
+    shape = tuple(probabilities.shape)
+    if len(shape) != 3 or shape[2] != NUM_CLASSES:
+        raise InputError(f"class probabilities have the shape {shape}; expected (h, w, {NUM_CLASSES}).")
+    m, device = surfels, surfels.device
+    source = probabilities
+    if isinstance(source, np.ndarray):
+        source = np.ascontiguousarray(source, dtype=np.float32)
+    rows = wp.array(source, dtype=vec14, device=device, copy=False)
+    observed = wp.empty(shape[:2], dtype=vec13, device=device)
+    valid = wp.empty(shape[:2], dtype=wp.uint8, device=device)
+    use_log = int(rule != "mean")
+    launch_rows(_prepare, shape[0], shape[1], [floor, use_log, rows], [observed, valid], device)
+
+    gate = Gate()
+    gate.max_distance, gate.max_distance_z2, gate.t_min = max_distance, max_distance_z2, t_min
+    T_camera_world = to_transform(np.linalg.inv(T_world_camera))
+    inputs = [camera, T_camera_world, gate, use_log, depth, edge, observed, valid]
+    inputs += [m.position, m.weight, m.t_updated]
+    outputs = [_rows_as_vectors(m.evidence), m.observations, m.label]
+    launch_items(_observe, m.count, inputs, outputs, device)
+
+
+def posterior(
+    surfels: SurfelMap, rule: Rule, *, temperature: float = 1.0, first: int = 0, last: int | None = None
+) -> np.ndarray:
+    """Class probabilities of surfels first .. last - 1 (all by default), float32, shape (N, 13).
+
+    bayes: softmax of the evidence (Eq. 6); geometric: softmax of evidence / observations; mean:
+    evidence / observations. `temperature` > 1 flattens them: p^(1 / temperature), renormalised.
+    Surfels that were never observed are uniform.
+    """
+    rows = slice(first, surfels.count if last is None else min(last, surfels.count))
+    evidence = (
+        surfels.evidence[rows].numpy() if rows.stop > rows.start else np.zeros((0, NUM_EVIDENCE), np.float32)
+    )
+    n = surfels.observations.numpy()[rows, None] if rows.stop > rows.start else evidence[:, :1]
+    if rule == "mean":
+        with np.errstate(divide="ignore"):
+            log_p = np.log(np.where(n > 0, evidence, 1.0) / np.maximum(n, 1.0))
+    else:
+        log_p = evidence / np.maximum(n, 1.0) if rule == "geometric" else evidence
+    log_p = (log_p - log_p.max(axis=1, keepdims=True)) / np.float32(temperature)
+    p = np.exp(log_p, dtype=np.float32)
+    return p / p.sum(axis=1, keepdims=True)

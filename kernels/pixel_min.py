@@ -1,0 +1,62 @@
+"""Choosing one surfel a pixel: a minimum over (value, surfel index) keys that any number of threads agree on.
+
+Every slice of a surfel launch has its own image of 64-bit keys, `value << 32 | index`, because CPU atomics
+do not hold across slices; the images are merged by min. On CUDA there is one slice and atomic_min. The
+minimum of (value, index) pairs does not depend on the order in which surfels arrive, so neither does the map.
+"""
+
+import threading
+from typing import Any
+
+import warp as wp
+
+from dsmap.kernels.launch import Slice, launch_rows, num_slices
+
+EMPTY = wp.constant(wp.uint64(0xFFFFFFFFFFFFFFFF))
+"""Key of a pixel that no surfel has asked for."""
+
+_buffers = threading.local()
+
+
+def key_buffer(height: int, width: int, device: Any) -> wp.array:
+    """A buffer of EMPTY keys, uint64, shape (slices, H * W).
+
+    It is reused by the next call of the same size on the same thread: finish with it first.
+    """
+    slot = (str(device), num_slices(device), height, width)
+    if getattr(_buffers, "slot", None) != slot:
+        _buffers.slot = slot
+        _buffers.keys = wp.empty((slot[1], height * width), dtype=wp.uint64, device=device)
+    _buffers.keys.fill_(EMPTY)
+    return _buffers.keys
+
+
+@wp.func
+def make_key(value: float, index: int) -> wp.uint64:
+    """Key of a surfel; `value` >= 0, whose bits as an integer are ordered as the floats are."""
+    return (wp.uint64(wp.cast(value, wp.uint32)) << wp.uint64(32)) | wp.uint64(index)
+
+
+@wp.kernel(enable_backward=False)
+def _merge_rows(s: Slice, keys: wp.array2d(dtype=wp.uint64), index: wp.array2d(dtype=wp.int32)):
+    row, lane = wp.tid()
+    y = s.first + row
+    width = index.shape[1]
+    for x in range(lane, width, s.step):
+        pixel = y * width + x
+        best = keys[0, pixel]
+        for k in range(1, keys.shape[0]):
+            best = wp.min(best, keys[k, pixel])
+        winner = int(-1)
+        if best != EMPTY:
+            winner = int(best & wp.uint64(0xFFFFFFFF))
+        index[y, x] = winner
+
+
+def merge_keys(keys: wp.array, index: wp.array) -> None:
+    """Merge the slices' keys into the winning surfel of each pixel.
+
+    index: out, int32, shape (H, W); -1 where no surfel asked.
+    """
+    height, width = index.shape
+    launch_rows(_merge_rows, height, width, [keys], [index], index.device)

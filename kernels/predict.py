@@ -1,0 +1,75 @@
+"""Model prediction: what the surfel map looks like from a pose, as maps in that camera's frame."""
+
+import numpy as np
+import warp as wp
+
+from dsmap.kernels.camera import Camera, ray, rotate, to_transform, transform
+from dsmap.kernels.index_map import ALWAYS, UNSTABLE_PENALTY, ray_disc_depth, render_index
+from dsmap.kernels.launch import Slice, launch_rows
+from dsmap.kernels.types import ModelMaps, SurfelMap
+
+
+@wp.kernel(enable_backward=False)
+def _resolve(
+    s: Slice,
+    camera: Camera,
+    T_camera_world: wp.mat44,
+    index: wp.array2d(dtype=wp.int32),
+    position: wp.array(dtype=wp.vec3),
+    normal: wp.array(dtype=wp.vec3),
+    colour: wp.array(dtype=wp.vec3),
+    t_updated: wp.array(dtype=wp.int32),
+    label: wp.array(dtype=wp.uint8),
+    out_vertex: wp.array2d(dtype=wp.vec3),
+    out_normal: wp.array2d(dtype=wp.vec3),
+    out_colour: wp.array2d(dtype=wp.vec3),
+    out_time: wp.array2d(dtype=wp.int32),
+    out_label: wp.array2d(dtype=wp.uint8),
+):
+    row, lane = wp.tid()
+    y = s.first + row
+    for x in range(lane, camera.width, s.step):
+        i = index[y, x]
+        if i >= 0:
+            n = rotate(T_camera_world, normal[i])
+            r = ray(camera, float(x), float(y))
+            out_vertex[y, x] = ray_disc_depth(transform(T_camera_world, position[i]), n, r) * r
+            out_normal[y, x] = n
+            out_colour[y, x] = colour[i]
+            out_time[y, x] = t_updated[i]
+            out_label[y, x] = label[i]
+        else:
+            out_vertex[y, x] = wp.vec3(0.0, 0.0, 0.0)
+            out_normal[y, x] = wp.vec3(0.0, 0.0, 0.0)
+            out_colour[y, x] = wp.vec3(0.0, 0.0, 0.0)
+            out_time[y, x] = -1
+            out_label[y, x] = wp.uint8(0)
+
+
+def predict_model(
+    surfels: SurfelMap,
+    camera: Camera,
+    T_world_camera: np.ndarray,
+    *,
+    max_depth: float,
+    maps: ModelMaps,
+    min_weight: float = 0.0,
+    stable_weight: float = 0.0,
+    t_min: int = 0,
+    t_max: int = ALWAYS,
+    penalty: float = UNSTABLE_PENALTY,
+) -> None:
+    """Render the map into a camera: `maps` (out, shapes (H, W) of the camera) in that camera's frame.
+
+    The vertex is where the pixel's ray meets the surfel's disc. Which surfels are seen: see `render_index`
+    (the active model is t_min = now - window, the inactive one t_max = now - window - 1). Pixels without
+    a surfel have index -1, vertex, normal and colour 0, time -1, label 0.
+    """
+    m, T_camera_world = surfels, to_transform(np.linalg.inv(T_world_camera))
+    render_index(
+        m, camera, T_world_camera, max_depth=max_depth, index=maps.index, min_weight=min_weight,
+        stable_weight=stable_weight, t_min=t_min, t_max=t_max, penalty=penalty,
+    )  # fmt: skip
+    inputs = [camera, T_camera_world, maps.index, m.position, m.normal, m.colour, m.t_updated, m.label]
+    outputs = [maps.vertex, maps.normal, maps.colour, maps.time, maps.label]
+    launch_rows(_resolve, camera.height, camera.width, inputs, outputs, m.device)

@@ -1,0 +1,151 @@
+"""Clean-up: surfels that were never confirmed or that the camera sees through die and are compacted away."""
+
+import numpy as np
+import warp as wp
+
+from dsmap.kernels.camera import Camera, pixel_of, project, to_transform, transform
+from dsmap.kernels.launch import Slice, launch_items, num_slices
+from dsmap.kernels.types import ARRAYS, SurfelMap
+
+
+@wp.struct
+class Rules:
+    """When a surfel is taken out."""
+
+    time: wp.int32  # now [frame]
+    t_min: wp.int32  # surfels last updated before are not judged by this view
+    max_unseen: wp.int32  # frames that an unstable surfel may wait for its next update
+    stable_weight: wp.float32
+    decay: wp.float32  # weight that a stable surfel loses when seen through
+    margin: wp.float32  # [m] in front of the measured surface,
+    margin_z2: wp.float32  # [1/m] or this times depth squared, where that is more
+    max_depth: wp.float32  # [m] measurements beyond are no evidence
+
+
+@wp.func
+def _seen_through(
+    camera: Camera,
+    p: wp.vec3,
+    rules: Rules,
+    depth: wp.array2d(dtype=wp.float32),
+    edge: wp.array2d(dtype=wp.uint8),
+) -> bool:
+    """Whether the measured surface lies clearly behind a camera-frame point."""
+    if p[2] <= 0.0:
+        return False
+    u = project(camera, p)
+    if u[0] < -0.5 or u[1] < -0.5 or u[0] >= float(camera.width) or u[1] >= float(camera.height):
+        return False
+    x = pixel_of(u[0])
+    y = pixel_of(u[1])
+    if x >= camera.width or y >= camera.height:
+        return False
+    d = depth[y, x]
+    if d <= 0.0 or d > rules.max_depth or edge[y, x] != wp.uint8(0):
+        return False
+    return d - p[2] > wp.max(rules.margin, rules.margin_z2 * d * d)
+
+
+@wp.kernel(enable_backward=False)
+def _judge(
+    s: Slice,
+    camera: Camera,
+    T_camera_world: wp.mat44,
+    rules: Rules,
+    depth: wp.array2d(dtype=wp.float32),
+    edge: wp.array2d(dtype=wp.uint8),
+    position: wp.array(dtype=wp.vec3),
+    t_updated: wp.array(dtype=wp.int32),
+    weight: wp.array(dtype=wp.float32),
+    dead: wp.array(dtype=wp.int32),
+):
+    block = s.first + wp.tid()
+    gone = int(0)
+    for i in range(block * s.step, wp.min((block + 1) * s.step, s.count)):
+        w = weight[i]
+        t = t_updated[i]
+        if w > 0.0:
+            if w < rules.stable_weight and rules.time - t > rules.max_unseen:
+                weight[i] = 0.0
+                gone += 1
+            elif t >= rules.t_min:
+                p = transform(T_camera_world, position[i])
+                if _seen_through(camera, p, rules, depth, edge):
+                    left = float(0.0)
+                    if w >= rules.stable_weight:
+                        left = wp.max(w - rules.decay, 0.0)
+                    weight[i] = left
+                    if left == 0.0:
+                        gone += 1
+        else:
+            gone += 1
+    if gone > 0:
+        wp.atomic_add(dead, s.index, gone)
+
+
+def prune(
+    surfels: SurfelMap,
+    camera: Camera,
+    T_world_camera: np.ndarray,
+    depth: wp.array,
+    edge: wp.array,
+    *,
+    time: int,
+    stable_weight: float = 10.0,
+    max_unseen: int = 20,
+    t_min: int = 0,
+    max_depth: float = 1e9,
+    margin: float = 0.05,
+    margin_z2: float = 0.0,
+    decay: float = 3.0,
+) -> int:
+    """Mark dead surfels (weight 0); returns how many of the map's `count` are dead now.
+
+    Unstable surfels (weight < stable_weight) die when not updated for more than max_unseen frames.
+    A surfel updated since frame t_min that stands more than max(margin [m], margin_z2 [1/m] x depth^2) in
+    front of the surface measured in its pixel is seen through: an unstable one dies at once, a stable one
+    loses `decay` of its weight, so that it takes several frames, not one bad depth image, to erase it.
+    depth [m] and edge: the frame's maps, shapes (H, W); pixels on edges or beyond max_depth say nothing.
+    """
+    rules = Rules()
+    rules.time, rules.t_min, rules.max_unseen = time, t_min, max_unseen
+    rules.stable_weight, rules.decay = stable_weight, decay
+    rules.margin, rules.margin_z2, rules.max_depth = margin, margin_z2, max_depth
+    m = surfels
+    dead = wp.zeros(num_slices(m.device), dtype=wp.int32, device=m.device)
+    inputs = [
+        camera,
+        to_transform(np.linalg.inv(T_world_camera)),
+        rules,
+        depth,
+        edge,
+        m.position,
+        m.t_updated,
+    ]
+    launch_items(_judge, m.count, inputs, [m.weight, dead], m.device)
+    return int(dead.numpy().sum())
+
+
+def count_dead(surfels: SurfelMap) -> int:
+    """Number of dead surfels among the map's `count`."""
+    return int(np.count_nonzero(surfels.weight.numpy()[: surfels.count] <= 0.0))
+
+
+def compact(surfels: SurfelMap) -> int:
+    """Remove dead surfels, keeping the others in order; returns how many were removed.
+
+    Surfel indices held elsewhere (index maps, matches) are void afterwards.
+    """
+    m = surfels
+    alive = np.flatnonzero(m.weight.numpy()[: m.count] > 0.0).astype(np.int32)
+    removed = m.count - len(alive)
+    if removed == 0:
+        return 0
+    first = int(np.argmax(alive != np.arange(len(alive)))) if alive[-1:] >= len(alive) else len(alive)
+    moved = wp.array(alive[first:], dtype=wp.int32, device=m.device)
+    for name in ARRAYS:
+        array = getattr(m, name)
+        if len(moved):
+            wp.copy(array[first : len(alive)], array[moved].contiguous())
+    m.count = len(alive)
+    return removed
