@@ -1,0 +1,220 @@
+"""What every layout is read into, and the sequence that mapping walks through."""
+
+import queue
+import threading
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from dsmap.errors import InputError
+from dsmap.frame import Frame, Intrinsics
+from dsmap.sequences.calibration import Calibration
+from dsmap.sequences.images import (
+    Undistorter,
+    check_size,
+    read_colour,
+    read_depth,
+    read_ids,
+    register_depth,
+    resize_colour,
+    resize_nearest,
+)
+
+_PREFETCH = 4
+"""Frames decoded ahead of the consumer."""
+
+
+@dataclass(frozen=True)
+class Entry:
+    """The files of one associated frame."""
+
+    index: int
+    time: float
+    rgb: Path
+    depth: Path
+    label: Path | None = None
+    instance: Path | None = None
+    T_world_camera: np.ndarray | None = None
+
+
+@dataclass
+class Recording:
+    """What a layout reader found in a folder, before any image is opened."""
+
+    layout: str
+    """`tum`, `7-scenes` or `redwood`."""
+    path: Path
+    entries: list[Entry]
+    """Associated frames in order of time."""
+    num_rgb: int
+    num_depth: int
+    notes: list[str] = field(default_factory=list)
+    """What was put right while reading (stamps out of order, ...), one sentence each."""
+
+
+class Sequence:
+    """An RGB-D recording as a list of frames. Use `open_sequence`.
+
+    Iterating decodes ahead on a thread; a damaged frame is left out and counted in `skipped`.
+    """
+
+    def __init__(
+        self,
+        recording: Recording,
+        calibration: Calibration,
+        size: tuple[int, int] | None,
+        entries: list[Entry],
+        undistort: bool,
+    ):
+        self.recording = recording
+        self.calibration = calibration
+        self.entries = entries
+        self.skipped: list[tuple[int, str]] = []
+        source = calibration.intrinsics
+        self._undistorter = Undistorter(source) if undistort and source.distortion else None
+        if self._undistorter:
+            source = replace(source, distortion=None)
+        self.intrinsics: Intrinsics = source.scaled(*size) if size else source
+
+    @property
+    def layout(self) -> str:
+        return self.recording.layout
+
+    @property
+    def path(self) -> Path:
+        return self.recording.path
+
+    @property
+    def notes(self) -> list[str]:
+        """What was put right while opening, one sentence each."""
+        return self.recording.notes
+
+    @property
+    def depth_scale(self) -> float:
+        """Stored depth units per metre."""
+        return self.calibration.depth_scale
+
+    @property
+    def depth_max(self) -> float | None:
+        """Depth beyond which the calibration does not trust the sensor [m]; None where it does not say."""
+        return self.calibration.depth_max
+
+    @property
+    def intrinsics_source(self) -> str:
+        """Where intrinsics and depth scale came from, for people."""
+        return self.calibration.source
+
+    @property
+    def times(self) -> np.ndarray:
+        """Colour stamps [s], shape (N,)."""
+        return np.array([entry.time for entry in self.entries])
+
+    @property
+    def has_labels(self) -> bool:
+        return any(entry.label is not None for entry in self.entries)
+
+    @property
+    def has_poses(self) -> bool:
+        return any(entry.T_world_camera is not None for entry in self.entries)
+
+    def __len__(self) -> int:
+        return len(self.entries)
+
+    def T_world_camera(self, i: int) -> np.ndarray | None:
+        """Given pose of frame `i`, float64, shape (4, 4); None where there is none."""
+        return self.entries[i].T_world_camera
+
+    def frame(self, i: int) -> Frame:
+        """Decode frame `i` of this sequence.
+
+        Raises:
+            InputError: an image is missing, damaged, of the wrong size, or the depth is all zero.
+        """
+        entry = self.entries[i]
+        width, height = self.intrinsics.width, self.intrinsics.height
+        depth = resize_nearest(self._depth(entry), width, height)
+        return Frame(
+            index=entry.index,
+            time=entry.time,
+            rgb=resize_colour(self._colour(entry), width, height),
+            depth=depth,
+            T_world_camera=entry.T_world_camera,
+            label=self._ids(entry.label, np.uint8),
+            instance=self._ids(entry.instance, np.uint16),
+        )
+
+    def labelled(self) -> list[int]:
+        """Positions of the frames that have ground-truth labels."""
+        return [i for i, entry in enumerate(self.entries) if entry.label is not None]
+
+    def label(self, i: int) -> np.ndarray | None:
+        """Ground-truth class ids of frame `i`, uint8, shape (H, W), without decoding its other images."""
+        return self._ids(self.entries[i].label, np.uint8)
+
+    def __iter__(self) -> Iterator[Frame]:
+        self.skipped = []
+        stop = threading.Event()
+        ready: queue.Queue[Frame | BaseException | None] = queue.Queue(_PREFETCH)
+        worker = threading.Thread(
+            target=self._decode_all, args=(ready, stop), name="dsmap-decode", daemon=True
+        )
+        worker.start()
+        try:
+            while (item := ready.get()) is not None:
+                if isinstance(item, BaseException):
+                    raise item
+                yield item
+        finally:
+            stop.set()
+            _drain(ready)
+            worker.join()
+
+    def _decode_all(self, ready: queue.Queue, stop: threading.Event) -> None:
+        try:
+            for i, entry in enumerate(self.entries):
+                if stop.is_set():
+                    return
+                try:
+                    ready.put(self.frame(i))
+                except InputError as error:
+                    self.skipped.append((entry.index, str(error)))
+        except BaseException as error:  # the consumer raises it: a thread's traceback would be lost
+            ready.put(error)
+        ready.put(None)
+
+    def _colour(self, entry: Entry) -> np.ndarray:
+        rgb = read_colour(entry.rgb)
+        self._check_size(entry.rgb, rgb)
+        return self._undistorter.colour(rgb) if self._undistorter else rgb
+
+    def _depth(self, entry: Entry) -> np.ndarray:
+        depth = read_depth(entry.depth, self.depth_scale)
+        self._check_size(entry.depth, depth)
+        if not depth.any():
+            raise InputError(f"{entry.depth}: found no valid depth in the whole image, expected some")
+        if self.calibration.T_color_depth is not None:
+            depth = register_depth(depth, self.calibration.intrinsics, self.calibration.T_color_depth)
+        return self._undistorter.nearest(depth) if self._undistorter else depth
+
+    def _ids(self, path: Path | None, dtype: type) -> np.ndarray | None:
+        if path is None:
+            return None
+        ids = read_ids(path).astype(dtype)
+        self._check_size(path, ids)
+        if self._undistorter:
+            ids = self._undistorter.nearest(ids)
+        return resize_nearest(ids, self.intrinsics.width, self.intrinsics.height)
+
+    def _check_size(self, path: Path, image: np.ndarray) -> None:
+        check_size(path, image, self.calibration.intrinsics.width, self.calibration.intrinsics.height)
+
+
+def _drain(ready: queue.Queue) -> None:
+    """Empty the queue, so that a worker blocked on a full one sees the stop signal."""
+    while True:
+        try:
+            ready.get_nowait()
+        except queue.Empty:
+            return

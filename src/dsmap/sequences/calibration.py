@@ -1,0 +1,211 @@
+"""Intrinsics and depth scale of a recording: from flags, `calibration.yaml` or known defaults."""
+
+import re
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from dsmap.errors import InputError
+from dsmap.files import atomic_path
+from dsmap.frame import Intrinsics
+
+FILE = "calibration.yaml"
+
+_TUM = {  # fx, fy, cx, cy and radtan k1 k2 p1 p2 k3 of the colour cameras, as TUM publishes them
+    "1": ((517.3, 516.5, 318.6, 255.3), (0.2624, -0.9531, -0.0054, 0.0026, 1.1633)),
+    "2": ((520.9, 521.0, 325.1, 249.7), (0.2312, -0.7849, -0.0033, -0.0001, 0.9172)),
+    "3": ((535.4, 539.2, 320.1, 247.6), None),
+}
+_TUM_NAME = re.compile(r"(?:fr|freiburg)([123])(?![0-9])", re.IGNORECASE)
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """The camera of a recording at the size of its images."""
+
+    intrinsics: Intrinsics
+    depth_scale: float
+    """Stored depth units per metre."""
+    source: str
+    """Where it came from, for people."""
+    pixel_center: str = "integer"
+    """What the file said; `intrinsics` are always converted to integer pixel centres."""
+    depth_time_offset_s: float = 0.0
+    """Added to the depth stamps before pairing [s]."""
+    T_color_depth: np.ndarray | None = None
+    """Takes points of the depth camera into the colour camera, shape (4, 4); None: already registered."""
+    depth_max: float | None = None
+    """Depth beyond which the sensor is not to be trusted [m]; None: not stated."""
+
+
+def read_calibration(folder: Path) -> Calibration | None:
+    """`calibration.yaml` of a recording, or None if there is none.
+
+    Raises:
+        InputError: the file is damaged, or a value is missing, not a number or out of range.
+    """
+    path = folder / FILE
+    if not path.exists():
+        return None
+    try:
+        content = yaml.safe_load(path.read_text())
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise InputError(f"{path}: not readable as YAML ({str(error).splitlines()[0]})") from error
+    if not isinstance(content, dict):
+        raise InputError(
+            f"{path}: found {type(content).__name__}, expected width, height, fx, fy, cx, cy, depth_scale"
+        )
+    width, height = (int(_number(path, content, key, positive=True)) for key in ("width", "height"))
+    fx, fy = (_number(path, content, key, positive=True) for key in ("fx", "fy"))
+    cx, cy = (_number(path, content, key) for key in ("cx", "cy"))
+    center = content.get("pixel_center", "integer")
+    if center not in ("integer", "half"):
+        raise InputError(f"{path}: found pixel_center {center!r}, expected integer or half")
+    shift = 0.5 if center == "half" else 0.0
+    return Calibration(
+        Intrinsics(
+            width, height, fx, fy, cx - shift, cy - shift, _distortion(path, content.get("distortion"))
+        ),
+        depth_scale=_number(path, content, "depth_scale", positive=True),
+        source=FILE,
+        pixel_center=center,
+        depth_time_offset_s=_number(path, content, "depth_time_offset_s", default=0.0),
+        T_color_depth=_transform(path, content.get("T_color_depth")),
+        depth_max=_number(path, content, "depth_max", positive=True) if "depth_max" in content else None,
+    )
+
+
+def write_calibration(folder: Path, calibration: Calibration) -> None:
+    """Write `calibration.yaml` (integer pixel centres) into a folder."""
+    camera = calibration.intrinsics
+    content: dict[str, Any] = {
+        "width": camera.width,
+        "height": camera.height,
+        **{key: float(getattr(camera, key)) for key in ("fx", "fy", "cx", "cy")},
+        "pixel_center": "integer",
+        "depth_scale": float(calibration.depth_scale),
+    }
+    if camera.distortion is not None:
+        values = [float(v) for v in camera.distortion]
+        content["distortion"] = {
+            "model": "radtan",
+            **dict(zip(("k1", "k2", "p1", "p2", "k3"), values, strict=True)),
+        }
+    if calibration.depth_time_offset_s:
+        content["depth_time_offset_s"] = float(calibration.depth_time_offset_s)
+    if calibration.T_color_depth is not None:
+        content["T_color_depth"] = [[float(v) for v in row] for row in calibration.T_color_depth]
+    if calibration.depth_max is not None:
+        content["depth_max"] = float(calibration.depth_max)
+    with atomic_path(folder / FILE) as path:
+        path.write_text(yaml.safe_dump(content, sort_keys=False))
+
+
+def known_default(layout: str, path: Path, width: int, height: int) -> Calibration | None:
+    """Published calibration of a public data set at the size of its images, or None."""
+    if layout == "7-scenes":
+        s = width / 640  # 585 px and the image's centre at 640x480
+        camera = Intrinsics(width, height, 585.0 * s, 585.0 * s, 320.0 * s, 320.0 * s * height / width)
+        return Calibration(camera, 1000.0, "known default of 7-Scenes")
+    if layout == "redwood":
+        camera = Intrinsics(640, 480, 525.0, 525.0, 319.5, 239.5).scaled(width, height)
+        return Calibration(camera, 1000.0, "known default of Redwood")
+    match = _TUM_NAME.search(path.resolve().name)
+    if match is None:
+        return None
+    values, distortion = _TUM[match[1]]
+    camera = Intrinsics(640, 480, *values, distortion=distortion).scaled(width, height)
+    return Calibration(camera, 5000.0, f"known default of TUM fr{match[1]}")
+
+
+def resolve(
+    layout: str,
+    path: Path,
+    image_size: tuple[int, int],
+    stored: Calibration | None,
+    intrinsics: tuple[float, float, float, float] | None,
+    depth_scale: float | None,
+) -> Calibration:
+    """The calibration that holds: flags before `calibration.yaml` before known defaults.
+
+    Args:
+        image_size: (width, height) of the recording's images.
+        stored: what `calibration.yaml` says.
+        intrinsics: fx, fy, cx, cy of the recording's images from flags [px].
+        depth_scale: stored units per metre from flags.
+
+    Raises:
+        InputError: something is missing or not positive.
+    """
+    base = stored or known_default(layout, path, *image_size)
+    if base is None and (intrinsics is None or depth_scale is None):
+        missing = [
+            flag
+            for flag, value in (("--intrinsics fx,fy,cx,cy", intrinsics), ("--depth-scale", depth_scale))
+            if value is None
+        ]
+        raise InputError(
+            f"{path}: no camera calibration; write {path / FILE} (width, height, fx, fy, cx, cy, "
+            f"depth_scale) or give {' and '.join(missing)}"
+        )
+    if base is None:
+        base = Calibration(Intrinsics(*image_size, 1.0, 1.0, 0.0, 0.0), 1.0, "")
+    sources = {"intrinsics": base.source, "depth scale": base.source}
+    if intrinsics is not None:
+        fx, fy, cx, cy = (float(v) for v in intrinsics)
+        if not (np.isfinite([fx, fy, cx, cy]).all() and fx > 0 and fy > 0):
+            raise InputError(
+                f"--intrinsics: found {intrinsics}, expected fx,fy,cx,cy in pixels with fx and fy > 0"
+            )
+        camera = replace(
+            base.intrinsics, width=image_size[0], height=image_size[1], fx=fx, fy=fy, cx=cx, cy=cy
+        )
+        base = replace(base, intrinsics=camera)
+        sources["intrinsics"] = "--intrinsics"
+    if depth_scale is not None:
+        if not (np.isfinite(depth_scale) and depth_scale > 0):
+            raise InputError(f"--depth-scale: found {depth_scale}, expected stored units per metre, above 0")
+        base = replace(base, depth_scale=float(depth_scale))
+        sources["depth scale"] = "--depth-scale"
+    if len(set(sources.values())) == 1:
+        return replace(base, source=sources["intrinsics"])
+    return replace(base, source=", ".join(f"{what}: {source}" for what, source in sources.items()))
+
+
+def _number(
+    path: Path, content: dict, key: str, *, positive: bool = False, default: float | None = None
+) -> float:
+    value = content.get(key, default)
+    valid = isinstance(value, int | float) and not isinstance(value, bool) and np.isfinite(value)
+    if not valid or (positive and value <= 0):
+        found = "nothing" if value is None else repr(value)
+        raise InputError(
+            f"{path}: found {found} for {key}, expected a {'positive ' if positive else ''}number"
+        )
+    return float(value)
+
+
+def _distortion(path: Path, content: Any) -> tuple[float, float, float, float, float] | None:
+    if content is None:
+        return None
+    if not isinstance(content, dict) or content.get("model", "radtan") != "radtan":
+        raise InputError(
+            f"{path}: found distortion {content!r}, expected {{model: radtan, k1, k2, p1, p2, k3}}"
+        )
+    k1, k2, p1, p2, k3 = (_number(path, content, key, default=0.0) for key in ("k1", "k2", "p1", "p2", "k3"))
+    return (k1, k2, p1, p2, k3) if any((k1, k2, p1, p2, k3)) else None
+
+
+def _transform(path: Path, content: Any) -> np.ndarray | None:
+    if content is None:
+        return None
+    try:
+        T = np.array(content, dtype=np.float64).reshape(4, 4)
+    except (TypeError, ValueError):
+        T = np.zeros((4, 4))
+    if not np.allclose(T[:3, :3] @ T[:3, :3].T, np.eye(3), atol=1e-3) or not np.allclose(T[3], (0, 0, 0, 1)):
+        raise InputError(f"{path}: found T_color_depth {content!r}, expected a rigid 4x4 transform")
+    return None if np.allclose(T, np.eye(4)) else T

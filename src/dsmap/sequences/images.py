@@ -1,0 +1,161 @@
+"""Reading and resizing the images of a sequence. Every function here keeps integer pixel centres."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from dsmap.errors import InputError
+from dsmap.frame import Intrinsics
+
+SATURATED = 65535
+"""A stored 16-bit depth of this value is no measurement (7-Scenes says so; elsewhere it is clipped)."""
+
+
+def read_colour(path: Path) -> np.ndarray:
+    """An image file as RGB uint8, shape (H, W, 3). Raises InputError if it is missing or damaged."""
+    image = _decode(path, cv2.IMREAD_COLOR)
+    return cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
+
+
+def read_depth(path: Path, depth_scale: float) -> np.ndarray:
+    """A depth image in metres, float32, shape (H, W), 0 where there is none.
+
+    Args:
+        path: 16-bit (or 32-bit float) single-channel image.
+        depth_scale: stored units per metre.
+    """
+    stored = _decode(path, cv2.IMREAD_UNCHANGED)
+    if stored.ndim != 2 or stored.dtype not in (np.uint16, np.float32):
+        channels = 1 if stored.ndim == 2 else stored.shape[2]
+        raise InputError(
+            f"{path}: found {channels} channel(s) of {stored.dtype}, expected a depth image of one channel, "
+            "16-bit integers or 32-bit floats"
+        )
+    depth = stored.astype(np.float32) * np.float32(1.0 / depth_scale)
+    if stored.dtype == np.uint16:
+        depth[stored == SATURATED] = 0.0
+        return depth
+    return clean_depth(depth)
+
+
+def read_ids(path: Path) -> np.ndarray:
+    """Class or instance ids as stored, uint8 or uint16, shape (H, W)."""
+    ids = _decode(path, cv2.IMREAD_UNCHANGED)
+    if ids.ndim != 2:
+        raise InputError(f"{path}: found {ids.shape[2]} channels, expected one channel of ids")
+    return ids
+
+
+def clean_depth(depth: np.ndarray) -> np.ndarray:
+    """Depth with NaN, infinite and negative values set to 0 (no measurement)."""
+    return np.where(np.isfinite(depth) & (depth > 0), depth, 0).astype(np.float32)
+
+
+def image_size(path: Path) -> tuple[int, int] | None:
+    """(width, height) of an image file, or None if it cannot be decoded."""
+    try:
+        height, width = _decode(path, cv2.IMREAD_UNCHANGED).shape[:2]
+    except InputError:
+        return None
+    return width, height
+
+
+def check_size(path: Path, image: np.ndarray, width: int, height: int) -> None:
+    """Raise InputError unless the image has the calibrated size."""
+    if image.shape[:2] != (height, width):
+        raise InputError(
+            f"{path}: found an image of {image.shape[1]}x{image.shape[0]}, expected {width}x{height} "
+            "as the calibration says"
+        )
+
+
+def resize_colour(rgb: np.ndarray, width: int, height: int) -> np.ndarray:
+    """Colour at another size, averaged over the area of the new pixels."""
+    if rgb.shape[:2] == (height, width):
+        return rgb
+    shrinks = width <= rgb.shape[1] and height <= rgb.shape[0]
+    return cv2.resize(rgb, (width, height), interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR)
+
+
+def resize_nearest(image: np.ndarray, width: int, height: int) -> np.ndarray:
+    """Depth or ids at another size: the source pixel under the centre of the new one, never a mixture.
+
+    The centre of the new pixel x lies at (x + 0.5) s - 0.5 in the source; halves round up.
+    """
+    if image.shape[:2] == (height, width):
+        return image
+    rows = _source_pixels(height, image.shape[0])
+    columns = _source_pixels(width, image.shape[1])
+    return np.ascontiguousarray(image[rows][:, columns])
+
+
+def _source_pixels(size: int, source_size: int) -> np.ndarray:
+    centres = (np.arange(size) + 0.5) * (source_size / size) - 0.5
+    return np.clip(np.floor(centres + 0.5).astype(np.int64), 0, source_size - 1)
+
+
+def register_depth(depth: np.ndarray, intrinsics: Intrinsics, T_color_depth: np.ndarray) -> np.ndarray:
+    """Depth seen from the depth camera as the colour camera (same intrinsics) would see it, nearest wins.
+
+    Args:
+        depth: planar depth of the depth camera [m], float32, shape (H, W).
+        T_color_depth: takes points of the depth camera into the colour camera, shape (4, 4).
+    """
+    y, x = np.nonzero(depth)
+    z = depth[y, x].astype(np.float64)
+    points = np.stack([(x - intrinsics.cx) / intrinsics.fx * z, (y - intrinsics.cy) / intrinsics.fy * z, z])
+    points = T_color_depth[:3, :3] @ points + T_color_depth[:3, 3:4]
+    points = points[:, points[2] > 0]
+    columns = np.floor(intrinsics.fx * points[0] / points[2] + intrinsics.cx + 0.5).astype(np.int64)
+    rows = np.floor(intrinsics.fy * points[1] / points[2] + intrinsics.cy + 0.5).astype(np.int64)
+    inside = (columns >= 0) & (columns < depth.shape[1]) & (rows >= 0) & (rows < depth.shape[0])
+    registered = np.full(depth.shape, np.inf, dtype=np.float32)
+    np.minimum.at(registered, (rows[inside], columns[inside]), points[2, inside].astype(np.float32))
+    return clean_depth(registered)
+
+
+class Undistorter:
+    """Remaps images of a distorted camera to the pinhole camera of the same matrix K."""
+
+    def __init__(self, intrinsics: Intrinsics):
+        """Compute the maps once. `intrinsics.distortion` must not be None."""
+        size = (intrinsics.width, intrinsics.height)
+        coefficients = np.array(intrinsics.distortion, dtype=np.float64)
+        self._maps = cv2.initUndistortRectifyMap(
+            intrinsics.K, coefficients, np.eye(3), intrinsics.K, size, cv2.CV_32FC1
+        )
+
+    def colour(self, rgb: np.ndarray) -> np.ndarray:
+        """Bilinear; black where the source has no pixel."""
+        return cv2.remap(rgb, *self._maps, interpolation=cv2.INTER_LINEAR)
+
+    def nearest(self, image: np.ndarray) -> np.ndarray:
+        """Depth or ids; 0 where the source has no pixel."""
+        return cv2.remap(image, *self._maps, interpolation=cv2.INTER_NEAREST)
+
+
+def _read_bytes(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror or error}), expected an image") from error
+
+
+def _decode(path: Path, flags: int) -> np.ndarray:
+    data = _read_bytes(path)
+    if not _is_whole(data):
+        raise InputError(f"{path}: found {len(data)} bytes that end too early, expected a whole image file")
+    image = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
+    if image is None:
+        raise InputError(f"{path}: found {len(data)} bytes that do not decode, expected an image file")
+    return image
+
+
+def _is_whole(data: bytes) -> bool:
+    """Whether a PNG or JPEG has its end marker: decoders of some versions fill up what is cut off."""
+    if data.startswith(b"\x89PNG"):
+        return b"IEND" in data[-64:]
+    if data.startswith(b"\xff\xd8"):
+        return b"\xff\xd9" in data[-1024:]
+    return len(data) > 0

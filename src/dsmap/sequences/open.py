@@ -1,0 +1,110 @@
+"""Opening a folder as a sequence: layout, calibration, choice of frames."""
+
+from pathlib import Path
+
+from dsmap.errors import InputError
+from dsmap.sequences.base import Recording, Sequence
+from dsmap.sequences.calibration import FILE, Calibration, read_calibration, resolve
+from dsmap.sequences.images import image_size
+from dsmap.sequences.redwood import is_redwood, read_redwood
+from dsmap.sequences.seven_scenes import is_seven_scenes, read_seven_scenes
+from dsmap.sequences.tum import is_tum, read_tum
+
+_LISTED = 5
+"""Entries of a folder that an error message names."""
+
+
+def open_sequence(
+    path: Path | str,
+    *,
+    intrinsics: tuple[float, float, float, float] | None = None,
+    depth_scale: float | None = None,
+    size: tuple[int, int] | None = None,
+    start: int = 0,
+    stop: int | None = None,
+    stride: int = 1,
+    undistort: bool = False,
+) -> Sequence:
+    """Open a recording; the layout is detected by looking at the folder.
+
+    Args:
+        path: folder in the TUM RGB-D, 7-Scenes or Redwood/Open3D layout.
+        intrinsics: fx, fy, cx, cy of the recording's own images [px]; before calibration.yaml and defaults.
+        depth_scale: stored depth units per metre; before calibration.yaml and defaults.
+        size: (width, height) of the frames to yield; colour is averaged, depth and ids are nearest.
+        start, stop, stride: which associated frames, as in a Python slice of non-negative numbers.
+        undistort: remap all images to the pinhole camera of the same K (nothing to do without distortion).
+
+    Raises:
+        InputError: no layout fits, the calibration is missing or wrong, or no frame is chosen.
+    """
+    folder = Path(path)
+    if not folder.is_dir():
+        raise InputError(
+            f"{folder}: found {'a file' if folder.exists() else 'nothing'}, expected a recording's folder"
+        )
+    stored = read_calibration(folder)
+    recording = read_recording(folder, stored)
+    entries = recording.entries[_slice(start, stop, stride)]
+    if not entries:
+        raise InputError(
+            f"{folder}: no frame between start {start} and stop {stop}, "
+            f"expected a part of 0..{len(recording.entries)}"
+        )
+    if size is not None and min(size) < 1:
+        raise InputError(
+            f"size: found {size[0]}x{size[1]}, expected a width and height of at least one pixel"
+        )
+    found = _image_size(recording, stored)
+    calibration = resolve(recording.layout, folder, found, stored, intrinsics, depth_scale)
+    return Sequence(recording, calibration, size, entries, undistort)
+
+
+def read_recording(folder: Path, stored: Calibration | None = None) -> Recording:
+    """Detect the layout of a folder and list its associated frames, without opening an image.
+
+    Raises:
+        InputError: the folder is none of the layouts; names what was looked for and what was found.
+    """
+    if is_tum(folder):
+        return read_tum(folder, stored.depth_time_offset_s if stored else 0.0)
+    if is_seven_scenes(folder):
+        return read_seven_scenes(folder)
+    if is_redwood(folder):
+        return read_redwood(folder)
+    names = sorted(entry.name + ("/" if entry.is_dir() else "") for entry in folder.iterdir())
+    more = f" and {len(names) - _LISTED} more" if len(names) > _LISTED else ""
+    found = ", ".join(names[:_LISTED]) + more if names else "an empty folder"
+    raise InputError(
+        f"{folder}: not a recording; looked for rgb.txt and depth.txt (TUM), frame-*.depth.png (7-Scenes), "
+        f"depth/ beside image/ or color/ (Redwood); found {found}"
+    )
+
+
+def _slice(start: int, stop: int | None, stride: int) -> slice:
+    if start < 0 or stride < 1 or (stop is not None and stop < 0):
+        raise InputError(
+            f"start {start}, stop {stop}, stride {stride}: expected start, stop >= 0 and stride >= 1"
+        )
+    return slice(start, stop, stride)
+
+
+def _image_size(recording: Recording, stored: Calibration | None) -> tuple[int, int]:
+    """(width, height) of the colour images: the calibration's if one of three looked at has it.
+
+    One damaged or odd image must not decide, hence the three.
+    """
+    entries = recording.entries
+    looked_at = [entries[i].rgb for i in dict.fromkeys((0, len(entries) // 2, len(entries) - 1))]
+    sizes = [size for size in map(image_size, looked_at) if size is not None]
+    if not sizes:
+        raise InputError(f"{looked_at[0]}: neither this nor the middle and last colour image can be decoded")
+    if stored is None:
+        return max(sizes, key=sizes.count)
+    expected = (stored.intrinsics.width, stored.intrinsics.height)
+    if expected not in sizes:
+        raise InputError(
+            f"{recording.path / FILE}: found width and height {expected[0]}x{expected[1]}, "
+            f"expected {sizes[0][0]}x{sizes[0][1]} as the images have"
+        )
+    return expected
