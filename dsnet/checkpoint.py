@@ -1,0 +1,109 @@
+"""Weights and training checkpoints on disk: safetensors with a JSON header, never pickle."""
+
+import json
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+import safetensors
+import torch
+from safetensors.torch import save_file
+from torch import Tensor
+
+from dsmap.classes import CLASS_NAMES
+from dsmap.dsnet.config import DSNetConfig
+from dsmap.dsnet.model import DSNet
+from dsmap.errors import InputError
+from dsmap.files import atomic_path
+
+WEIGHTS_FORMAT = "dsmap.dsnet"
+TRAINING_FORMAT = "dsmap.dsnet.training"
+
+
+@dataclass
+class WeightsInfo:
+    """What a weights file says about itself."""
+
+    config: DSNetConfig
+    size: tuple[int, int] = (448, 448)
+    """Width and height [px] a frame is resized to before the network sees it."""
+    temperature: float = 1.0
+    """Logits are divided by it before the softmax (calibrated on the validation set)."""
+    class_names: tuple[str, ...] = CLASS_NAMES
+    notes: dict = field(default_factory=dict)
+    """How it was trained and how it validated; for people, read by nothing."""
+
+
+def save_tensors(path: Path, tensors: dict[str, Tensor], file_format: str, header: dict) -> None:
+    """Write a safetensors file atomically; `header` is stored as JSON beside the format marker."""
+    with atomic_path(path) as temporary:
+        contiguous = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
+        save_file(contiguous, temporary, metadata={"format": file_format, "header": json.dumps(header)})
+
+
+def load_tensors(path: Path, file_format: str) -> tuple[dict[str, Tensor], dict]:
+    """Read what `save_tensors` wrote.
+
+    Raises:
+        InputError: missing, damaged, or of another format.
+    """
+    if not path.is_file():
+        raise InputError(f"{path}: no such file, expected a {file_format} safetensors file.")
+    try:
+        with safetensors.safe_open(path, framework="pt") as file:
+            metadata = file.metadata() or {}
+            if metadata.get("format") != file_format:
+                found = metadata.get("format", "none")
+                raise InputError(f"{path}: format marker is {found!r}, expected {file_format!r}.")
+            header = json.loads(metadata["header"])
+            # A copy of the mapped file: the training loop rewrites its own checkpoint.
+            return {name: file.get_tensor(name).clone() for name in file.keys()}, header  # noqa: SIM118
+    except (safetensors.SafetensorError, KeyError, ValueError) as error:
+        raise InputError(f"{path}: not a readable safetensors file of {file_format} ({error}).") from error
+
+
+def save_weights(path: Path, model: DSNet, info: WeightsInfo) -> None:
+    """Write a network that `load_weights` and `dsmap map --weights` read."""
+    save_tensors(path, model.state_dict(), WEIGHTS_FORMAT, asdict(info))
+
+
+def load_weights(path: Path | str) -> tuple[DSNet, WeightsInfo]:
+    """Read a network for inference (in eval mode, on the CPU).
+
+    Raises:
+        InputError: missing, damaged or foreign file, unknown configuration, other classes than dsmap's.
+    """
+    path = Path(path)
+    tensors, header = load_tensors(path, WEIGHTS_FORMAT)
+    try:
+        info = WeightsInfo(
+            config=config_from(header["config"]),
+            size=(int(header["size"][0]), int(header["size"][1])),
+            temperature=float(header["temperature"]),
+            class_names=tuple(header["class_names"]),
+            notes=dict(header["notes"]),
+        )
+    except (KeyError, TypeError, ValueError, IndexError) as error:
+        raise InputError(f"{path}: unknown {WEIGHTS_FORMAT} header ({error!r}).") from error
+    if info.class_names != CLASS_NAMES:
+        raise InputError(f"{path}: classes are {list(info.class_names)}, expected {list(CLASS_NAMES)}.")
+    if any(side < 32 or side % 32 for side in info.size) or not info.temperature > 0:
+        raise InputError(
+            f"{path}: size {info.size} and temperature {info.temperature}, expected multiples of 32 and > 0."
+        )
+    model = DSNet(info.config)
+    load_state(model, tensors, path)
+    return model.eval(), info
+
+
+def load_state(model: torch.nn.Module, tensors: dict[str, Tensor], path: Path) -> None:
+    """`load_state_dict` whose mismatch is the file's fault."""
+    try:
+        model.load_state_dict(tensors)
+    except RuntimeError as error:
+        reason = " ".join(str(error).split())
+        raise InputError(f"{path}: tensors do not fit the network it describes ({reason[:200]}).") from error
+
+
+def config_from(record: dict) -> DSNetConfig:
+    """A `DSNetConfig` from its JSON form."""
+    return DSNetConfig(**{**record, "widths": tuple(record["widths"])})

@@ -1,0 +1,102 @@
+"""Configuration of the network and of its training; free of torch, so that `--help` stays quick."""
+
+from dataclasses import dataclass
+
+from dsmap.classes import NUM_CLASSES
+from dsmap.errors import InputError
+
+
+@dataclass(frozen=True)
+class DSNetConfig:
+    """Shape of a DS-Net; the defaults are the paper's Table 1 with the three-convolution stem of its text."""
+
+    layers: int = 4
+    """L: 3x3 convolutions in a dense block (paper: 3, 4 or 5)."""
+    growth: int = 16
+    """K: feature maps each of them adds (paper: 8, 16 or 32)."""
+    widths: tuple[int, int, int, int] = (16, 16, 16, 16)
+    """Channels that enter the pooling of B1..B4; the last is B4's output too, and D4..D1 mirror them."""
+    stem_convs: int = 3
+    """3x3 convolutions before B1, the first with stride 2: 1 (Table 1) or 3 (the paper's text)."""
+    final_relu: bool = False
+    """ReLU after the last deconvolution, as in Table 1; off, so that logits may be negative."""
+    dropout: float = 0.2
+    """Dropout after the 1x1 convolution of each B."""
+    classes: int = NUM_CLASSES
+    """Output channels: void and the 13 classes."""
+
+    def __post_init__(self) -> None:
+        if self.stem_convs not in (1, 3):
+            raise InputError(f"DS-Net: stem_convs is {self.stem_convs}, expected 1 or 3.")
+        if min(self.layers, self.growth, *self.widths, self.classes) < 1 or len(self.widths) != 4:
+            raise InputError(f"DS-Net: layers, growth, classes and 4 widths must be positive, found {self}.")
+        if not 0 <= self.dropout < 1:
+            raise InputError(f"DS-Net: dropout is {self.dropout}, expected 0 <= dropout < 1.")
+
+
+@dataclass(frozen=True)
+class AugmentConfig:
+    """Strength of the random changes to a training image; 0 switches one off."""
+
+    scale: tuple[float, float] = (0.7, 2.0)
+    """Zoom of the image relative to fitting it to the training size, log-uniform."""
+    aspect: float = 0.1
+    """Largest relative change of the aspect ratio."""
+    rotate: float = 5.0
+    """Largest roll of the camera [degrees]."""
+    flip: float = 0.5
+    """Probability of a left-right flip."""
+    brightness: float = 0.3
+    """Largest relative change of brightness."""
+    contrast: float = 0.3
+    """Largest relative change of contrast about the mean."""
+    gamma: float = 0.3
+    """Largest change of log gamma."""
+    white_balance: float = 0.12
+    """Largest relative change of one channel's gain."""
+    saturation: float = 0.4
+    """Largest relative change of saturation."""
+    hue: float = 15.0
+    """Largest rotation of hue [degrees]."""
+    blur: float = 0.2
+    """Probability of a Gaussian blur (sigma up to 1.5 px)."""
+    noise: float = 0.3
+    """Probability of Gaussian noise (sigma up to 12 grey levels)."""
+
+
+@dataclass(frozen=True)
+class TrainConfig:
+    """One training run; with the data and the seed it determines the weights."""
+
+    steps: int = 4000
+    """Optimiser steps of the whole schedule."""
+    batch: int = 16
+    """Images a step."""
+    size: tuple[int, int] = (448, 448)
+    """Width and height of training images [px], multiples of 32; also the weights' working size."""
+    lr: float = 4e-3
+    """Peak learning rate of AdamW."""
+    weight_decay: float = 1e-2
+    """Decoupled weight decay of the convolutions."""
+    warmup: int = 200
+    """Steps of linear warm-up before the cosine decay to zero."""
+    ema: float = 0.998
+    """Decay of the averaged weights that are validated and saved; 0: no averaging."""
+    balance: str = "median"
+    """Class weights: `median` (median frequency), `log` (1 / log(1.02 + frequency)) or `none`."""
+    validate_every: int = 500
+    """Steps between validations, which also write the checkpoint."""
+    seed: int = 0
+    """Of initial weights, order, augmentation and dropout."""
+    workers: int = 1
+    """Processes that prepare images; 0: the training process itself."""
+
+    def __post_init__(self) -> None:
+        if any(side % 32 or side < 32 for side in self.size):
+            raise InputError(f"training: size is {self.size}, expected multiples of 32.")
+        if self.balance not in ("median", "log", "none"):
+            raise InputError(f"training: balance is {self.balance!r}, expected median, log or none.")
+        if min(self.steps, self.batch, self.validate_every) < 1 or self.lr <= 0 or not 0 <= self.ema < 1:
+            raise InputError(
+                "training: steps, batch and validate-every must be at least 1, lr above 0, 0 <= ema < 1."
+            )
