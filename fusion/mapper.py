@@ -125,6 +125,11 @@ class Mapper:
             self.stages_ms[name].append(ms)
         return StepResult(self.T_world_camera.copy(), tracked, health, reason, inserted, segmented, self._clock)
 
+    def skip(self, time: float) -> None:
+        """Record a frame that could not be read: it counts as lost and carries the last pose."""
+        self.time += 1
+        self.trajectory.append(TrajectoryPoint(time, self.T_world_camera.copy(), False))
+
     def probabilities(self) -> np.ndarray:
         """Class probabilities of every surfel under the configured rule, shape (N, 13), uniform if unlabelled."""
         labels = self.config.labels
@@ -174,14 +179,14 @@ class Mapper:
         surfels = self.config.surfels
         associate(
             self.surfels, self.camera, self.T_world_camera, maps.vertex, maps.normal, maps.edge, match=self._match,
-            max_ray_distance=surfels.max_ray_distance, max_angle=surfels.max_angle,
+            max_ray_distance=surfels.max_ray_distance, max_angle=surfels.max_angle, t_min=0,
         )  # fmt: skip
 
     def _clean_up(self, maps: FrameMaps) -> None:
         surfels = self.config.surfels
         prune(
-            self.surfels, self.camera, self.T_world_camera, maps.vertex, maps.edge, time=self.time,
-            stable_weight=surfels.stable_weight, unstable_frames=surfels.unstable_frames,
+            self.surfels, self.camera, self.T_world_camera, maps.depth, maps.edge, time=self.time,
+            stable_weight=surfels.stable_weight, max_unseen=surfels.unstable_frames, t_min=self._t_active,
         )  # fmt: skip
         if count_dead(self.surfels) > _DEAD_SHARE * self.surfels.count:
             compact(self.surfels)

@@ -1,0 +1,84 @@
+"""What a run leaves behind: the RUN folder of `dsmap map`, also written by `Mapper.save`."""
+
+import dataclasses
+import json
+import resource
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from dsmap.files import atomic_path
+from dsmap.fusion.checkpoint import save_map
+from dsmap.fusion.export import write_classes, write_ply, write_trajectory
+from dsmap.fusion.mapper import Mapper
+
+WARM_UP = 5
+"""First frames that speed figures leave out: caches are cold and buffers grow."""
+
+
+def save_run(mapper: Mapper, run_dir: Path, *, with_probabilities: bool = False) -> None:
+    """Write map.ply, labels.ply, trajectory.txt, classes.json and checkpoint.safetensors.
+
+    Every file is whole or absent: each is written under a temporary name and renamed.
+    """
+    surfels = mapper.surfels.numpy()
+    probabilities = mapper.probabilities() if with_probabilities else None
+    write_ply(run_dir / "map.ply", surfels, probabilities=probabilities)
+    write_ply(run_dir / "labels.ply", surfels, colour="label")
+    write_trajectory(run_dir / "trajectory.txt", [(p.time, p.T_world_camera) for p in mapper.trajectory])
+    write_classes(run_dir / "classes.json")
+    save_map(mapper, run_dir / "checkpoint.safetensors")
+
+
+def write_yaml(path: Path, values: Any) -> None:
+    """Write plain values as YAML; tuples become lists."""
+    with atomic_path(path) as temporary:
+        temporary.write_text(yaml.safe_dump(json.loads(json.dumps(values)), sort_keys=False))
+
+
+def write_json(path: Path, values: Any) -> None:
+    """Write plain values as indented JSON."""
+    with atomic_path(path) as temporary:
+        temporary.write_text(json.dumps(values, indent=2) + "\n")
+
+
+def config_values(mapper: Mapper) -> dict[str, Any]:
+    """The parameters of a run as plain values."""
+    return dataclasses.asdict(mapper.config)
+
+
+def statistics(mapper: Mapper, skipped: int, wall_s: float) -> dict[str, Any]:
+    """The content of stats.json: the paper's Table 3 numbers, tracking counts, speed and memory.
+
+    fps is that of mapping alone: no decoding, no first WARM_UP frames; wall_s is everything.
+    """
+    frames, surfels = len(mapper.trajectory), mapper.surfels
+    tracked = mapper.tracked_frames
+    stages = {name: float(np.mean(ms[WARM_UP:] or ms)) for name, ms in mapper.stages_ms.items() if ms}
+    busy_ms = sum(sum(ms[WARM_UP:] or ms) for ms in mapper.stages_ms.values())
+    counted = max(frames - WARM_UP, 0) or frames
+    return {
+        "map": {
+            "frames": frames,
+            "surfels": surfels.count,
+            "stable_surfels": int((surfels.numpy()["weight"] >= mapper.config.surfels.stable_weight).sum()),
+            "graph_nodes": 0,
+            "local_loops": 0,
+            "global_loops": 0,
+            "bytes_per_surfel": surfels.nbytes / surfels.count if surfels.count else None,
+        },
+        "tracking": {
+            "tracked_frames": tracked,
+            "lost_frames": frames - tracked,
+            "skipped_frames": skipped,
+            "tracked_fraction": tracked / frames if frames else 0.0,
+        },
+        "speed": {
+            "fps": counted / busy_ms * 1e3 if busy_ms else None,
+            "stages_ms": stages,
+            "wall_s": wall_s,
+            "peak_rss_bytes": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024,
+        },
+    }
