@@ -1,0 +1,170 @@
+"""What the numbers mean: trajectory error, confusion matrix and its scores, calibration of probabilities.
+
+All functions take and return NumPy; none reads a file.
+"""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from dsmap.classes import CLASS_NAMES, NUM_CLASSES, VOID
+
+NUM_BINS = 15
+"""Equal bins of the largest probability, for the expected calibration error."""
+
+
+def align_se3(estimated: np.ndarray, reference: np.ndarray) -> np.ndarray:
+    """The rigid transform of estimated onto reference points with least squares (Umeyama 1991).
+
+    Args:
+        estimated, reference: corresponding points, shapes (N, 3).
+
+    Returns:
+        T_reference_estimated, shape (4, 4); no scale.
+    """
+    centre_e, centre_r = estimated.mean(axis=0), reference.mean(axis=0)
+    U, _, Vt = np.linalg.svd((reference - centre_r).T @ (estimated - centre_e))
+    S = np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))])
+    T = np.eye(4)
+    T[:3, :3] = U @ S @ Vt
+    T[:3, 3] = centre_r - T[:3, :3] @ centre_e
+    return T
+
+
+def ate_rmse(T_estimated: np.ndarray, T_reference: np.ndarray, *, align: bool = True) -> float:
+    """Absolute trajectory error: RMS distance of camera centres [m] (Sturm et al., IROS 2012).
+
+    Args:
+        T_estimated, T_reference: camera-to-world poses of the same frames, shapes (N, 4, 4).
+        align: after SE(3) alignment of the centres.
+    """
+    estimated, reference = T_estimated[:, :3, 3], T_reference[:, :3, 3]
+    if align:
+        T = align_se3(estimated, reference)
+        estimated = estimated @ T[:3, :3].T + T[:3, 3]
+    return float(np.sqrt(((estimated - reference) ** 2).sum(axis=1).mean()))
+
+
+def relative_pose_error(
+    times: np.ndarray, T_estimated: np.ndarray, T_reference: np.ndarray, interval: float = 1.0
+) -> tuple[float, float] | None:
+    """Relative pose error over a fixed time (Sturm et al., IROS 2012).
+
+    Every frame is compared with the one whose stamp is nearest to `interval` later, if there is one within
+    a tenth of the interval.
+
+    Args:
+        times: sorted stamps [s], shape (N,).
+        T_estimated, T_reference: camera-to-world poses, shapes (N, 4, 4).
+        interval: [s].
+
+    Returns:
+        RMS of translation [m] and of rotation [rad]; None if no pair of frames is that far apart.
+    """
+    if len(times) < 2:
+        return None
+    after = np.clip(np.searchsorted(times, times + interval), 1, len(times) - 1)
+    later = np.where(times[after] - times - interval > times + interval - times[after - 1], after - 1, after)
+    first = np.flatnonzero(np.abs(times[later] - times - interval) <= interval / 10)
+    if len(first) == 0:
+        return None
+    second = later[first]
+    moved_estimated = np.linalg.inv(T_estimated[first]) @ T_estimated[second]
+    moved_reference = np.linalg.inv(T_reference[first]) @ T_reference[second]
+    error = np.linalg.inv(moved_reference) @ moved_estimated
+    angle = Rotation.from_matrix(error[:, :3, :3]).magnitude()
+    translation = (error[:, :3, 3] ** 2).sum(axis=1)
+    return float(np.sqrt(translation.mean())), float(np.sqrt((angle**2).mean()))
+
+
+@dataclass
+class ConfusionMatrix:
+    """Counts of labelled pixels (or surfels): reference class by predicted class. Void is never scored."""
+
+    counts: np.ndarray = field(default_factory=lambda: np.zeros((NUM_CLASSES, NUM_CLASSES), dtype=np.int64))
+    """Rows: reference, columns: predicted; column 0 (no answer) counts as wrong. Shape (14, 14)."""
+
+    def add(self, reference: np.ndarray, predicted: np.ndarray) -> None:
+        """Count class ids of equal shapes; where the reference is void (or no class) nothing is counted."""
+        scored = (reference != VOID) & (reference < NUM_CLASSES)
+        pairs = reference[scored].astype(np.int64) * NUM_CLASSES + predicted[scored]
+        self.counts += np.bincount(pairs, minlength=NUM_CLASSES**2).reshape(NUM_CLASSES, NUM_CLASSES)
+
+    @property
+    def total(self) -> int:
+        return int(self.counts.sum())
+
+    def scores(self) -> dict[str, Any]:
+        """class_avg, pixel_acc, miou and per_class {name: {recall, iou, pixels}}, as plain numbers.
+
+        Averages run over the classes that the reference contains, as in the paper's Table 4; IoU (Eq. 7) is
+        TP / (TP + FP + FN). Everything is None if nothing was counted.
+        """
+        hits = np.diag(self.counts)
+        references, answers = self.counts.sum(axis=1), self.counts.sum(axis=0)
+        present = [k for k in range(1, NUM_CLASSES) if references[k] > 0]
+        if not present:
+            return {"class_avg": None, "pixel_acc": None, "miou": None, "per_class": {}}
+        recall = {k: float(hits[k] / references[k]) for k in present}
+        iou = {k: float(hits[k] / (references[k] + answers[k] - hits[k])) for k in present}  # Eq. 7
+        return {
+            "class_avg": float(np.mean(list(recall.values()))),
+            "pixel_acc": float(hits[1:].sum() / self.total),
+            "miou": float(np.mean(list(iou.values()))),
+            "per_class": {
+                CLASS_NAMES[k]: {"recall": recall[k], "iou": iou[k], "pixels": int(references[k])}
+                for k in present
+            },
+        }
+
+
+@dataclass
+class Reliability:
+    """How far probabilities can be believed: expected calibration error and Brier score."""
+
+    count: np.ndarray = field(default_factory=lambda: np.zeros(NUM_BINS, dtype=np.int64))
+    confidence: np.ndarray = field(default_factory=lambda: np.zeros(NUM_BINS))
+    """Sum of the largest probability a bin."""
+    correct: np.ndarray = field(default_factory=lambda: np.zeros(NUM_BINS, dtype=np.int64))
+    squares: float = 0.0
+
+    def add(self, reference: np.ndarray, probabilities: np.ndarray) -> None:
+        """Count predictions.
+
+        Args:
+            reference: class ids, any shape; void is left out.
+            probabilities: of the 13 classes 1..13, rows sum to 1, shape (*reference.shape, 13).
+        """
+        scored = (reference != VOID) & (reference < NUM_CLASSES)
+        truth, p = reference[scored].astype(np.int64) - 1, probabilities[scored].astype(np.float64)
+        if len(truth) == 0:
+            return
+        top, answer = p.max(axis=1), p.argmax(axis=1)
+        bins = np.clip(np.ceil(top * NUM_BINS).astype(np.int64) - 1, 0, NUM_BINS - 1)
+        self.count += np.bincount(bins, minlength=NUM_BINS)
+        self.confidence += np.bincount(bins, weights=top, minlength=NUM_BINS)
+        self.correct += np.bincount(bins[answer == truth], minlength=NUM_BINS)
+        # |p - onehot|^2 = |p|^2 - 2 p_truth + 1
+        self.squares += float(((p**2).sum(axis=1) - 2 * p[np.arange(len(p)), truth] + 1).sum())
+
+    def ece(self) -> float | None:
+        """Expected calibration error: mean over predictions of |accuracy - confidence| of their bin."""
+        total = self.count.sum()
+        return float(np.abs(self.correct - self.confidence).sum() / total) if total else None
+
+    def brier(self) -> float | None:
+        """Mean squared distance of the probabilities to the one-hot truth, 0 (best) to 2."""
+        total = self.count.sum()
+        return self.squares / float(total) if total else None
+
+
+def class_probabilities(probabilities: np.ndarray) -> np.ndarray:
+    """Fourteen probabilities (void first) to those of the 13 classes, renormalised; uniform where all void.
+
+    Shapes (..., 14) to (..., 13), float32.
+    """
+    p = np.clip(np.nan_to_num(probabilities[..., 1:].astype(np.float32)), 0.0, None)
+    total = p.sum(axis=-1, keepdims=True)
+    return np.where(total > 0, p / np.maximum(total, 1e-12), np.float32(1.0 / (NUM_CLASSES - 1)))
