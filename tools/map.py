@@ -191,9 +191,8 @@ def draw(out: Path, mapper: Mapper, sequence: Sequence, shown: list[tuple[int, S
         probabilities = mapper.segmenter(frame) if mapper.segmenter and result.tracked else None
         predicted = None if probabilities is None else (probabilities[..., 1:].argmax(-1) + 1).astype(np.uint8)
         strip.append(StripFrame(frame, result.T_world_camera, predicted))
-    given = [sequence.T_world_camera(i) for i in range(len(sequence))]
-    reference = [T for T in given if T is not None]
-    write_pictures(out, mapper.surfels, mapper.trajectory, sequence.intrinsics, strip, reference or None)
+    reference = [sequence.T_world_camera(i) for i in range(len(sequence))]
+    write_pictures(out, mapper.surfels, mapper.trajectory, sequence.intrinsics, strip, reference)
 
 
 def report(mapper: Mapper, sequence: Sequence, out: Path) -> None:

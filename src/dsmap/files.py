@@ -26,4 +26,5 @@ def atomic_path(path: Path | str) -> Iterator[Path]:
     except OSError as error:
         raise InputError(f"cannot write {path}: {error.strerror or error}") from error
     finally:
-        temporary.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):  # a parent that is a file must not hide the error above
+            temporary.unlink(missing_ok=True)
