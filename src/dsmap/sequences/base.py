@@ -71,6 +71,7 @@ class Sequence:
         self.recording = recording
         self.calibration = calibration
         self.entries = entries
+        self.undistort = undistort
         self.skipped: list[tuple[int, str]] = []
         source = calibration.intrinsics
         self._undistorter = Undistorter(source) if undistort and source.distortion else None
@@ -144,6 +145,10 @@ class Sequence:
             label=self._ids(entry.label, np.uint8),
             instance=self._ids(entry.instance, np.uint16),
         )
+
+    def resized(self, size: tuple[int, int]) -> "Sequence":
+        """The same frames at another (width, height), from the recording's own images."""
+        return Sequence(self.recording, self.calibration, size, self.entries, self.undistort)
 
     def labelled(self) -> list[int]:
         """Positions of the frames that have ground-truth labels."""
