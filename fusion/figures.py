@@ -17,6 +17,8 @@ from dsmap.errors import InputError
 from dsmap.files import atomic_path
 
 _DPI = 100
+_LEGEND_CODE = {(True, True): 1, (True, False): 2, (False, False): 3, (False, True): 4}
+"""matplotlib's code of a corner, by (top, right)."""
 _LOG_TICKS = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000)
 
 
@@ -40,8 +42,7 @@ def save_with_legend(path: Path, image: np.ndarray, classes: Sequence[int]) -> N
     """Write an RGB image with a legend of the given class ids in its emptiest corner."""
     figure = _image_figure(image)
     top, right = _emptiest_corner(image, 0.16, 0.03 + 0.032 * len(classes))
-    place = f"{'upper' if top else 'lower'} {'right' if right else 'left'}"
-    figure.legend(handles=_patches(classes), loc=place, fontsize=13, borderaxespad=1.2)
+    figure.legend(handles=_patches(classes), loc=_LEGEND_CODE[top, right], fontsize=13, borderaxespad=1.2)
     _save(figure, path)
 
 
@@ -141,7 +142,7 @@ def _image_figure(image: np.ndarray) -> Figure:
 def _emptiest_corner(image: np.ndarray, width: float, height: float) -> tuple[bool, bool]:
     """(top, right) of the corner box, given by its shares of the image, that holds the fewest dark pixels."""
     rows, columns = int(height * image.shape[0]), int(width * image.shape[1])
-    drawn = (image < 250).any(axis=2)
+    drawn: np.ndarray = (image < 250).any(axis=2)
     corners = [(True, True), (False, True), (True, False), (False, False)]
 
     def filled(corner: tuple[bool, bool]) -> int:

@@ -123,9 +123,7 @@ def test_run_without_labels_or_surfels(tmp_path):
     assert [path.name for path in written] == ["map_colour.png", "map_confidence.png", "map_time.png"]
     frame = Frame(0, 0.0, np.zeros((120, 160, 3), np.uint8), np.zeros((120, 160), np.float32))
     empty = map_of({name: values[:0] for name, values in arrays.items()})
-    written = write_pictures(
-        tmp_path / "e", empty, camera_path()[:1], INTRINSICS, [StripFrame(frame, np.eye(4))]
-    )
+    written = write_pictures(tmp_path / "e", empty, points()[:1], INTRINSICS, [StripFrame(frame, np.eye(4))])
     assert [path.name for path in written] == ["trajectory.png", "strip.png"]
 
 
