@@ -53,14 +53,17 @@ def _claim(
         v = vertex_map[y, x]
         if v[2] <= 0.0 or edge[y, x] != wp.uint8(0):
             continue
-        view = wp.normalize(ray(camera, float(x), float(y)))
+        view = ray(camera, float(x), float(y))
+        length2 = wp.length_sq(view)
+        along = wp.dot(p - v, view)
         gate = wp.max(gates.along, gates.along_z2 * v[2] * v[2])
-        if wp.abs(wp.dot(p - v, view)) >= gate:
+        if along * along >= gate * gate * length2:
             continue
-        n = normal_map[y, x]
-        if wp.dot(n, rotate(T_camera_world, normal[i])) <= gates.cos_angle:
+        if wp.dot(normal_map[y, x], rotate(T_camera_world, normal[i])) <= gates.cos_angle:
             continue
-        wp.atomic_min(keys, s.index, y * camera.width + x, make_key(wp.length(wp.cross(p, view)), i))
+        # The squared distance to the ray orders surfels as the distance does.
+        off = wp.cross(p, view)
+        wp.atomic_min(keys, s.index, y * camera.width + x, make_key(wp.length_sq(off) / length2, i))
 
 
 def associate(

@@ -1,5 +1,6 @@
 """Fusion of a frame into the map: matched surfels are averaged, unmatched pixels become new surfels."""
 
+import functools
 import math
 
 import numpy as np
@@ -21,16 +22,18 @@ class Fusion:
 
     time: wp.int32  # frame number
     max_weight: wp.float32  # surfel confidence saturates here
-    half_diagonal: wp.float32  # [px] distance from the image centre that is gamma = 1
 
 
-@wp.func
-def _sample_weight(camera: Camera, x: int, y: int, half_diagonal: float) -> float:
-    """exp(-gamma^2 / (2 0.6^2)): measurements are best in the middle of the image."""
-    dx = float(x) - 0.5 * float(camera.width - 1)
-    dy = float(y) - 0.5 * float(camera.height - 1)
-    gamma2 = (dx * dx + dy * dy) / (half_diagonal * half_diagonal)
-    return wp.exp(-gamma2 / (2.0 * SIGMA * SIGMA))
+@functools.lru_cache(maxsize=8)
+def _sample_weights(width: int, height: int, device: str) -> tuple[wp.array, wp.array]:
+    """exp(-gamma^2 / (2 0.6^2)) as a factor a column and a factor a row: shapes (W,) and (H,).
+
+    gamma is the distance from the image centre, 1 at the corners: measurements are best in the middle.
+    """
+    half_diagonal = 0.5 * math.hypot(width - 1, height - 1)
+    gammas = [(np.arange(n) - 0.5 * (n - 1)) / half_diagonal for n in (width, height)]
+    columns, rows = (np.exp(-(gamma**2) / (2 * SIGMA**2)).astype(np.float32) for gamma in gammas)
+    return wp.array(columns, device=device), wp.array(rows, device=device)
 
 
 @wp.func
@@ -91,6 +94,8 @@ def _average(
     camera: Camera,
     T_world_camera: wp.mat44,
     fusion: Fusion,
+    columns: wp.array(dtype=wp.float32),
+    rows: wp.array(dtype=wp.float32),
     vertex_map: wp.array2d(dtype=wp.vec3),
     normal_map: wp.array2d(dtype=wp.vec3),
     colour_map: wp.array2d(dtype=wp.vec3),
@@ -109,7 +114,7 @@ def _average(
         i = match[y, x]
         if i >= 0:
             w = weight[i]
-            a = _sample_weight(camera, x, y, fusion.half_diagonal)
+            a = columns[x] * rows[y]
             if radius_map[y, x] < RADIUS_RATIO * radius[i]:
                 share = a / (w + a)
                 position[i] = wp.lerp(position[i], transform(T_world_camera, vertex_map[y, x]), share)
@@ -126,6 +131,8 @@ def _insert(
     camera: Camera,
     T_world_camera: wp.mat44,
     fusion: Fusion,
+    columns: wp.array(dtype=wp.float32),
+    rows: wp.array(dtype=wp.float32),
     first: int,
     rank: wp.array(dtype=wp.int32),
     vertex_map: wp.array2d(dtype=wp.vec3),
@@ -152,7 +159,7 @@ def _insert(
             position[i] = transform(T_world_camera, vertex_map[y, x])
             normal[i] = rotate(T_world_camera, normal_map[y, x])
             colour[i] = colour_map[y, x]
-            weight[i] = _sample_weight(camera, x, y, fusion.half_diagonal)
+            weight[i] = columns[x] * rows[y]
             radius[i] = radius_map[y, x]
             t_created[i] = fusion.time
             t_updated[i] = fusion.time
@@ -189,18 +196,18 @@ def fuse_frame(
     to_world, from_world = to_transform(T_world_camera), to_transform(np.linalg.inv(T_world_camera))
     fusion = Fusion()
     fusion.time, fusion.max_weight = time, max_weight
-    fusion.half_diagonal = 0.5 * math.hypot(camera.width - 1, camera.height - 1)
+    columns, rows = _sample_weights(camera.width, camera.height, str(device))
     is_new = wp.empty(shape, dtype=wp.int32, device=device)
     inputs = [camera, from_world, frame.vertex, frame.normal, frame.edge, match, m.position]
     launch_rows(_find_new, *shape, inputs, [is_new], device)
     maps = [frame.vertex, frame.normal, frame.colour, frame.radius]
     outputs = [m.position, m.normal, m.colour, m.weight, m.radius, m.t_updated]
-    launch_rows(_average, *shape, [camera, to_world, fusion, *maps, match], outputs, device)
+    launch_rows(_average, *shape, [camera, to_world, fusion, columns, rows, *maps, match], outputs, device)
 
     rank, inserted = _ranks(is_new)
     if inserted:
         m.reserve(m.count + inserted)
-        inputs = [camera, to_world, fusion, m.count, rank, *maps, is_new]
+        inputs = [camera, to_world, fusion, columns, rows, m.count, rank, *maps, is_new]
         outputs = [m.position, m.normal, m.colour, m.weight, m.radius, m.t_created, m.t_updated]
         launch_rows(_insert, *shape, inputs, [*outputs, m.label, m.observations, m.evidence], device)
         m.count += inserted

@@ -1,15 +1,26 @@
-"""Index map: which surfel every pixel of a view sees, by splatting surfel discs into a z-buffer."""
+"""Index map: which surfel every pixel of a view sees.
+
+A dense map has about one surfel a pixel, and drawing every disc whole would touch each pixel six times. So
+a disc is drawn whole only where the camera is nearer to it than the one that measured it; all others
+write their centre's pixel only, and a second pass fills the pixels between them from the 3x3 neighbourhood,
+with the same test: does the pixel's ray hit the disc. Of the discs on the front surface the one nearest
+to the ray is taken, not the foremost, which would pull every noisy surface towards the camera.
+"""
 
 import numpy as np
 import warp as wp
 
-from dsmap.kernels.camera import Camera, project, rotate, to_transform, transform
-from dsmap.kernels.launch import Slice, launch_items
-from dsmap.kernels.pixel_min import key_buffer, make_key, merge_keys
+from dsmap.kernels.camera import Camera, project, ray, rotate, to_transform, transform
+from dsmap.kernels.launch import Slice, launch_items, launch_rows
+from dsmap.kernels.pixel_min import EMPTY, key_buffer, key_index, key_value, make_key, merge_keys
 from dsmap.kernels.types import SurfelMap
 
-MAX_SPLAT = 3
-"""Half-width [px] of the largest splat: a disc seen from very near is cut to 7 x 7 pixels."""
+WHOLE_FROM = wp.constant(2.2)
+"""Discs whose shorter half-axis is at least this [px] are drawn whole: centres may be 1.5 pixels apart."""
+MAX_SPLAT = wp.constant(3)
+"""Half-width [px] of the largest whole disc: one seen from very near is cut to 7 x 7 pixels."""
+SAME_SURFACE = wp.constant(0.05)
+"""Surfels whose depths differ by less than this [m] count as one surface."""
 UNSTABLE_PENALTY = 0.05
 """Metres that an unstable surfel counts as deeper: it fills holes, but hides no stable surfel within 5 cm."""
 ALWAYS = 2**31 - 1
@@ -29,16 +40,45 @@ class Visible:
 
 
 @wp.func
-def ray_disc_depth(centre: wp.vec3, normal: wp.vec3, ray: wp.vec3) -> float:
+def ray_disc_depth(centre: wp.vec3, normal: wp.vec3, view: wp.vec3) -> float:
     """Depth [m] at which a viewing ray (z = 1) crosses the plane of a disc that faces the camera."""
-    return wp.dot(normal, centre) / wp.dot(normal, ray)
+    return wp.dot(normal, centre) / wp.dot(normal, view)
 
 
 @wp.func
-def _half_width(focal: float, slope: float, n: float, n_z: float, radius: float, z: float) -> float:
-    """Half-width [px] of a projected disc: |dX - X/Z dZ| <= r |e - n (n . e)| with e = (1, 0, -X/Z)."""
-    along = n - slope * n_z
-    return focal * radius / (z - radius) * wp.sqrt(wp.max(1.0 + slope * slope - along * along, 0.0))
+def _handicap(select: Visible, weight: float) -> float:
+    if weight < select.stable_weight:
+        return select.penalty
+    return 0.0
+
+
+@wp.func
+def _draw_whole(
+    camera: Camera,
+    select: Visible,
+    p: wp.vec3,
+    n: wp.vec3,
+    r: float,
+    penalty: float,
+    item: int,
+    index: int,
+    keys: wp.array2d(dtype=wp.uint64),
+):
+    """Ask for every pixel whose ray hits the disc (within MAX_SPLAT of its centre)."""
+    u = project(camera, p)
+    dx = wp.min(camera.fx * r / p[2], float(MAX_SPLAT))
+    dy = wp.min(camera.fy * r / p[2], float(MAX_SPLAT))
+    x0 = wp.max(int(wp.ceil(u[0] - dx)), 0)
+    x1 = wp.min(int(wp.floor(u[0] + dx)), camera.width - 1)
+    y0 = wp.max(int(wp.ceil(u[1] - dy)), 0)
+    y1 = wp.min(int(wp.floor(u[1] + dy)), camera.height - 1)
+    for y in range(y0, y1 + 1):
+        for x in range(x0, x1 + 1):
+            view = ray(camera, float(x), float(y))
+            if wp.dot(n, view) < 0.0:
+                z = ray_disc_depth(p, n, view)
+                if wp.length_sq(z * view - p) <= r * r and z <= select.max_depth:
+                    wp.atomic_min(keys, index, y * camera.width + x, make_key(z + penalty, item))
 
 
 @wp.kernel(enable_backward=False)
@@ -55,6 +95,7 @@ def _splat(
     keys: wp.array2d(dtype=wp.uint64),
 ):
     block = s.first + wp.tid()
+    border = float(MAX_SPLAT)
     for i in range(block * s.step, wp.min((block + 1) * s.step, s.count)):
         w = weight[i]
         t = t_updated[i]
@@ -62,40 +103,102 @@ def _splat(
             continue
         p = transform(T_camera_world, position[i])
         r = radius[i]
-        if p[2] <= 2.0 * r or p[2] - r > select.max_depth:
+        if p[2] <= 2.0 * r or p[2] > select.max_depth:
             continue
         u = project(camera, p)
-        if (
-            u[0] < -float(MAX_SPLAT)
-            or u[1] < -float(MAX_SPLAT)
-            or u[0] > float(camera.width + MAX_SPLAT)
-            or u[1] > float(camera.height + MAX_SPLAT)
-        ):
+        if u[0] < -border or u[1] < -border:
+            continue
+        if u[0] > float(camera.width) + border or u[1] > float(camera.height) + border:
             continue
         n = rotate(T_camera_world, normal[i])
-        facing = wp.dot(n, p)
-        if facing >= 0.0:
+        facing = -wp.dot(n, p)
+        if facing <= 0.0:
             continue
-        penalty = float(0.0)
-        if w < select.stable_weight:
-            penalty = select.penalty
-        reach = float(MAX_SPLAT)
-        dx = wp.min(_half_width(camera.fx, p[0] / p[2], n[0], n[2], r, p[2]), reach)
-        dy = wp.min(_half_width(camera.fy, p[1] / p[2], n[1], n[2], r, p[2]), reach)
-        x0 = wp.max(int(wp.ceil(u[0] - dx)), 0)
-        x1 = wp.min(int(wp.floor(u[0] + dx)), camera.width - 1)
-        y0 = wp.max(int(wp.ceil(u[1] - dy)), 0)
-        y1 = wp.min(int(wp.floor(u[1] + dy)), camera.height - 1)
-        for y in range(y0, y1 + 1):
-            b = (float(y) - camera.cy) / camera.fy
-            for x in range(x0, x1 + 1):
-                a = (float(x) - camera.cx) / camera.fx
-                towards = n[0] * a + n[1] * b + n[2]
+        penalty = _handicap(select, w)
+        # The shorter half-axis of the projected disc is f r cos / z, with cos = facing / |p|.
+        if camera.fx * r * facing >= WHOLE_FROM * p[2] * wp.length(p):
+            _draw_whole(camera, select, p, n, r, penalty, i, s.index, keys)
+        else:
+            x = int(wp.floor(u[0] + 0.5))
+            y = int(wp.floor(u[1] + 0.5))
+            if x >= 0 and y >= 0 and x < camera.width and y < camera.height:
+                wp.atomic_min(keys, s.index, y * camera.width + x, make_key(p[2] + penalty, i))
+
+
+@wp.func
+def _best_around(
+    camera: Camera,
+    T_world_camera: wp.mat44,
+    select: Visible,
+    x: int,
+    y: int,
+    keys: wp.array2d(dtype=wp.uint64),
+    position: wp.array(dtype=wp.vec3),
+    normal: wp.array(dtype=wp.vec3),
+    weight: wp.array(dtype=wp.float32),
+    radius: wp.array(dtype=wp.float32),
+) -> int:
+    """Of the 3x3 neighbourhood's surfels: on the surface in front, the one nearest to the pixel's ray."""
+    eye = transform(T_world_camera, wp.vec3(0.0, 0.0, 0.0))
+    view = rotate(T_world_camera, ray(camera, float(x), float(y)))
+    best = int(-1)
+    best_depth = float(0.0)
+    best_off = float(0.0)
+    for yy in range(wp.max(y - 1, 0), wp.min(y + 2, camera.height)):
+        for xx in range(wp.max(x - 1, 0), wp.min(x + 2, camera.width)):
+            key = keys[0, yy * camera.width + xx]
+            if key != EMPTY:
+                i = key_index(key)
+                n = normal[i]
+                p = position[i] - eye
+                towards = wp.dot(n, view)
                 if towards < 0.0:
-                    z = facing / towards
-                    off = wp.vec3(z * a - p[0], z * b - p[1], z - p[2])
-                    if wp.dot(off, off) <= r * r and z <= select.max_depth:
-                        wp.atomic_min(keys, s.index, y * camera.width + x, make_key(z + penalty, i))
+                    z = wp.dot(n, p) / towards
+                    off = wp.length_sq(z * view - p)
+                    own = xx == x and yy == y
+                    if own or (off <= radius[i] * radius[i] and z <= select.max_depth):
+                        depth = z + _handicap(select, weight[i])
+                        nearer = depth < best_depth + SAME_SURFACE and off < best_off
+                        if best < 0 or depth < best_depth - SAME_SURFACE or nearer:
+                            best = i
+                            best_depth = depth
+                            best_off = off
+    return best
+
+
+@wp.kernel(enable_backward=False)
+def _select(
+    s: Slice,
+    camera: Camera,
+    T_world_camera: wp.mat44,
+    select: Visible,
+    keys: wp.array2d(dtype=wp.uint64),
+    position: wp.array(dtype=wp.vec3),
+    normal: wp.array(dtype=wp.vec3),
+    weight: wp.array(dtype=wp.float32),
+    radius: wp.array(dtype=wp.float32),
+    index: wp.array2d(dtype=wp.int32),
+):
+    row, lane = wp.tid()
+    y = s.first + row
+    above = wp.max(y - 1, 0) * camera.width
+    here = y * camera.width
+    below = wp.min(y + 1, camera.height - 1) * camera.width
+    for x in range(lane, camera.width, s.step):
+        left = wp.max(x - 1, 0)
+        right = wp.min(x + 1, camera.width - 1)
+        own = keys[0, here + x]
+        front = wp.min(wp.min(keys[0, above + left], keys[0, above + x]), keys[0, above + right])
+        front = wp.min(front, wp.min(wp.min(keys[0, here + left], own), keys[0, here + right]))
+        front = wp.min(
+            front, wp.min(wp.min(keys[0, below + left], keys[0, below + x]), keys[0, below + right])
+        )
+        seen = int(-1)
+        if own != EMPTY and key_value(own) <= key_value(front) + SAME_SURFACE:
+            seen = key_index(own)
+        elif front != EMPTY:
+            seen = _best_around(camera, T_world_camera, select, x, y, keys, position, normal, weight, radius)
+        index[y, x] = seen
 
 
 def render_index(
@@ -111,18 +214,20 @@ def render_index(
     t_max: int = ALWAYS,
     penalty: float = UNSTABLE_PENALTY,
 ) -> None:
-    """Fill the index map of a view: the nearest surfel whose disc is hit by a pixel's ray.
+    """Fill the index map of a view: on the front surface, the surfel nearest to each pixel's ray.
 
-    Discs that face away are not drawn. Surfels updated in frames t_min .. t_max with weight >= min_weight
-    and depth <= max_depth [m] take part; those below stable_weight count as `penalty` [m] deeper.
+    A pixel sees a surfel that projects into it or whose disc its ray hits; discs that face away are not
+    drawn. Surfels updated in frames t_min .. t_max with weight >= min_weight and depth <= max_depth [m]
+    take part; those below stable_weight count as `penalty` [m] deeper.
     index: out, int32, shape (H, W) of the camera; -1 where no surfel is seen.
     """
     select = Visible()
     select.min_weight, select.stable_weight, select.penalty = min_weight, stable_weight, penalty
     select.t_min, select.t_max, select.max_depth = t_min, t_max, max_depth
-    T_camera_world = to_transform(np.linalg.inv(T_world_camera))
-    m = surfels
+    m, T_camera_world = surfels, to_transform(np.linalg.inv(T_world_camera))
     keys = key_buffer(camera.height, camera.width, m.device)
     inputs = [camera, T_camera_world, select, m.position, m.normal, m.weight, m.radius, m.t_updated]
     launch_items(_splat, m.count, inputs, [keys], m.device)
     merge_keys(keys, index)
+    inputs = [camera, to_transform(T_world_camera), select, keys, m.position, m.normal, m.weight, m.radius]
+    launch_rows(_select, camera.height, camera.width, inputs, [index], m.device)

@@ -37,6 +37,18 @@ def make_key(value: float, index: int) -> wp.uint64:
     return (wp.uint64(wp.cast(value, wp.uint32)) << wp.uint64(32)) | wp.uint64(index)
 
 
+@wp.func
+def key_index(key: wp.uint64) -> int:
+    """The surfel of a key that is not EMPTY."""
+    return int(key & wp.uint64(0xFFFFFFFF))
+
+
+@wp.func
+def key_value(key: wp.uint64) -> float:
+    """The value of a key that is not EMPTY."""
+    return wp.cast(wp.uint32(key >> wp.uint64(32)), wp.float32)
+
+
 @wp.kernel(enable_backward=False)
 def _merge_rows(s: Slice, keys: wp.array2d(dtype=wp.uint64), index: wp.array2d(dtype=wp.int32)):
     row, lane = wp.tid()
@@ -47,14 +59,15 @@ def _merge_rows(s: Slice, keys: wp.array2d(dtype=wp.uint64), index: wp.array2d(d
         best = keys[0, pixel]
         for k in range(1, keys.shape[0]):
             best = wp.min(best, keys[k, pixel])
+        keys[0, pixel] = best
         winner = int(-1)
         if best != EMPTY:
-            winner = int(best & wp.uint64(0xFFFFFFFF))
+            winner = key_index(best)
         index[y, x] = winner
 
 
 def merge_keys(keys: wp.array, index: wp.array) -> None:
-    """Merge the slices' keys into the winning surfel of each pixel.
+    """Merge the slices' keys into the winning surfel of each pixel; keys[0] holds the merged keys then.
 
     index: out, int32, shape (H, W); -1 where no surfel asked.
     """
