@@ -74,7 +74,7 @@ def sample_depth(sequence: Sequence) -> np.ndarray | InputError:
     values, failure = [], InputError(f"{sequence.path}: no frame with valid depth")
     for i in np.unique(np.linspace(0, len(sequence) - 1, SAMPLES).astype(int)):
         try:
-            depth = sequence.frame(int(i)).depth
+            depth = sequence.depth(int(i))
         except InputError as error:
             failure = error
             continue

@@ -134,13 +134,11 @@ class Sequence:
             InputError: an image is missing, damaged, of the wrong size, or the depth is all zero.
         """
         entry = self.entries[i]
-        width, height = self.intrinsics.width, self.intrinsics.height
-        depth = resize_nearest(self._depth(entry), width, height)
         return Frame(
             index=entry.index,
             time=entry.time,
-            rgb=resize_colour(self._colour(entry), width, height),
-            depth=depth,
+            rgb=resize_colour(self._colour(entry), self.intrinsics.width, self.intrinsics.height),
+            depth=self.depth(i),
             T_world_camera=entry.T_world_camera,
             label=self._ids(entry.label, np.uint8),
             instance=self._ids(entry.instance, np.uint16),
@@ -153,6 +151,10 @@ class Sequence:
     def labelled(self) -> list[int]:
         """Positions of the frames that have ground-truth labels."""
         return [i for i, entry in enumerate(self.entries) if entry.label is not None]
+
+    def depth(self, i: int) -> np.ndarray:
+        """Depth of frame `i` [m], float32, shape (H, W), without decoding its other images."""
+        return resize_nearest(self._depth(self.entries[i]), self.intrinsics.width, self.intrinsics.height)
 
     def label(self, i: int) -> np.ndarray | None:
         """Ground-truth class ids of frame `i`, uint8, shape (H, W), without decoding its other images."""

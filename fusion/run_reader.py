@@ -1,0 +1,82 @@
+"""Reading a RUN folder back, and pairing its frames with a reference recording."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from dsmap.errors import InputError
+from dsmap.fusion.checkpoint import load_map
+from dsmap.fusion.config import MapConfig
+from dsmap.kernels.types import SurfelMap
+from dsmap.sequences import Sequence
+from dsmap.sequences.associate import associate
+
+
+@dataclass
+class Run:
+    """What `dsmap map` left behind."""
+
+    path: Path
+    surfels: SurfelMap
+    config: MapConfig
+    times: np.ndarray
+    """Stamps of the frames [s], shape (M,)."""
+    poses: np.ndarray
+    """Estimated T_world_camera, shape (M, 4, 4); a lost frame carries the last pose."""
+    tracked: np.ndarray
+    """bool, shape (M,)."""
+    settings: dict[str, Any]
+    """config.yaml: `sequence`, `map`, `segmenter`; empty if there is none."""
+    stats: dict[str, Any]
+    """stats.json; empty if there is none."""
+
+
+def load_run(path: Path | str, device: Any = "cpu") -> Run:
+    """Read a RUN folder.
+
+    Raises:
+        InputError: no checkpoint of dsmap is there, or a file is damaged.
+    """
+    folder = Path(path)
+    if not folder.is_dir():
+        raise InputError(f"{folder}: no such folder; expected a RUN folder that `dsmap map` wrote")
+    surfels, meta = load_map(folder / "checkpoint.safetensors", device)
+    return Run(
+        folder, surfels, meta["config"], meta["times"], meta["poses"], meta["tracked"].astype(bool),
+        settings=_read(folder / "config.yaml", yaml.safe_load, yaml.YAMLError),
+        stats=_read(folder / "stats.json", json.loads, json.JSONDecodeError),
+    )  # fmt: skip
+
+
+def pair_frames(run: Run, reference: Sequence) -> list[tuple[int, int]]:
+    """Pairs (frame of the run, frame of the reference) by stamp, one-to-one.
+
+    Raises:
+        InputError: no two stamps are within 20 ms, so the reference is another recording.
+    """
+    order = np.argsort(run.times, kind="stable")
+    pairs = [(int(order[i]), j) for i, j in associate(run.times[order], reference.times)]
+    if not pairs:
+        raise InputError(
+            f"{reference.path}: none of its {len(reference)} stamps is within 20 ms of the {len(run.times)} "
+            f"stamps of {run.path}, expected the recording that was mapped"
+        )
+    return pairs
+
+
+def _read(path: Path, parse: Any, failure: type[Exception]) -> dict[str, Any]:
+    if not path.exists():
+        return {}
+    try:
+        content = parse(path.read_text())
+    except (OSError, UnicodeDecodeError, failure) as error:
+        raise InputError(
+            f"{path}: damaged ({str(error).splitlines()[0]}), expected what `dsmap map` wrote"
+        ) from error
+    if not isinstance(content, dict):
+        raise InputError(f"{path}: found {type(content).__name__}, expected what `dsmap map` wrote")
+    return content
