@@ -55,7 +55,9 @@ def load_map(path: Path | str, device: Any = "cpu") -> tuple[SurfelMap, dict[str
     """
     path = Path(path)
     if not path.is_file():
-        raise InputError(f"{path}: no such file; expected a dsmap checkpoint (checkpoint.safetensors of a run)")
+        raise InputError(
+            f"{path}: no such file; expected a dsmap checkpoint (checkpoint.safetensors of a run)"
+        )
     try:
         with safe_open(path, framework="np") as file:
             metadata = file.metadata() or {}
@@ -65,10 +67,14 @@ def load_map(path: Path | str, device: Any = "cpu") -> tuple[SurfelMap, dict[str
                 )
             arrays = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 (not a dict)
     except (SafetensorError, OSError) as error:
-        raise InputError(f"{path}: damaged or not a safetensors file ({error}); expected a dsmap checkpoint") from error
+        raise InputError(
+            f"{path}: damaged or not a safetensors file ({error}); expected a dsmap checkpoint"
+        ) from error
     missing = [name for name in (*ARRAYS, "times", "poses", "tracked") if name not in arrays]
     if missing:
-        raise InputError(f"{path}: tensors {', '.join(missing)} are missing; expected a whole dsmap checkpoint")
+        raise InputError(
+            f"{path}: tensors {', '.join(missing)} are missing; expected a whole dsmap checkpoint"
+        )
     surfels = _surfels(arrays, path, device)
     meta = {
         "config": config_from_dict(json.loads(metadata["config"])),
@@ -105,6 +111,10 @@ def _surfels(arrays: dict[str, np.ndarray], path: Path, device: Any) -> SurfelMa
         if theirs.shape != shape:
             raise InputError(f"{path}: tensor {name} has shape {theirs.shape}; expected {shape}")
         if count:
-            wp.copy(ours, wp.array(theirs, dtype=ours.dtype, device=device), count=count * (NUM_EVIDENCE if name == "evidence" else 1))
+            wp.copy(
+                ours,
+                wp.array(theirs, dtype=ours.dtype, device=device),
+                count=count * (NUM_EVIDENCE if name == "evidence" else 1),
+            )
     surfels.count = count
     return surfels

@@ -72,7 +72,9 @@ class Mapper:
 
     def __init__(self, config: MapConfig, intrinsics: Intrinsics, segmenter: Segmenter | None = None):
         if min(intrinsics.width, intrinsics.height) < 32:
-            raise InputError(f"images of {intrinsics.width}x{intrinsics.height} are too small; expected at least 32x32")
+            raise InputError(
+                f"images of {intrinsics.width}x{intrinsics.height} are too small; expected at least 32x32"
+            )
         self.config = config
         self.intrinsics = intrinsics
         self.segmenter = segmenter
@@ -123,7 +125,9 @@ class Mapper:
         self.trajectory.append(TrajectoryPoint(frame.time, self.T_world_camera.copy(), tracked))
         for name, ms in self._clock.items():
             self.stages_ms[name].append(ms)
-        return StepResult(self.T_world_camera.copy(), tracked, health, reason, inserted, segmented, self._clock)
+        return StepResult(
+            self.T_world_camera.copy(), tracked, health, reason, inserted, segmented, self._clock
+        )
 
     def skip(self, time: float) -> None:
         """Record a frame that could not be read: it counts as lost and carries the last pose."""
@@ -227,5 +231,7 @@ def _device(name: str) -> wp.Device:
     if name == "auto":
         chosen = "cuda:0" if wp.is_cuda_available() else "cpu"
     if chosen.startswith("cuda") and not wp.is_cuda_available():
-        raise InputError(f"device {name!r} was asked for, but this machine has no CUDA driver; expected --device cpu")
+        raise InputError(
+            f"device {name!r} was asked for, but this machine has no CUDA driver; expected --device cpu"
+        )
     return wp.get_device(chosen)

@@ -68,7 +68,9 @@ class GroundTruthSegmenter:
         height, width = label.shape
         if self.kind == "confusion":
             chair, sofa = CLASS_NAMES.index("chair"), CLASS_NAMES.index("sofa")
-            return np.where((label == chair) & (rng.random(label.shape) < self.noise), sofa, label).astype(np.uint8)
+            return np.where((label == chair) & (rng.random(label.shape) < self.noise), sofa, label).astype(
+                np.uint8
+            )
         cell = 1 if self.kind == "pixels" else max(round(BLOB * width / 640), 1)
         rows, columns = height // cell + 2, width // cell + 2
         hit = rng.random((rows, columns)) < self.noise

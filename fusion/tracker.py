@@ -40,7 +40,9 @@ class Health:
 class ModelView:
     """The active model as predicted from one pose: pyramids of vertex, normal, intensity, gradient."""
 
-    def __init__(self, vertex: wp.array, normal: wp.array, intensity: wp.array, levels: int, T_world_camera: np.ndarray):
+    def __init__(
+        self, vertex: wp.array, normal: wp.array, intensity: wp.array, levels: int, T_world_camera: np.ndarray
+    ):
         self.T_world_camera = T_world_camera
         self.levels = []
         for level in range(levels):
@@ -77,7 +79,9 @@ class Tracker:
             current = (maps.vertex, maps.normal, maps.intensity)
             gates = self._gates(level)
             for _ in range(self.config.iterations[level]):
-                icp, rgb = joint_normal_equations(self.cameras[level], T_prev_cur, gates, current, model.levels[level])
+                icp, rgb = joint_normal_equations(
+                    self.cameras[level], T_prev_cur, gates, current, model.levels[level]
+                )
                 # Eq. 3: E = E_icp + w_rgb E_rgb
                 xi = _solve(icp[0] + self.config.w_rgb * rgb[0], icp[1] + self.config.w_rgb * rgb[1])
                 if xi is None:
@@ -92,7 +96,9 @@ class Tracker:
         R_prev_cur = np.eye(3)
         best, best_cost = R_prev_cur, np.inf
         for _ in range(_SO3_ITERATIONS):
-            A, b, cost, count = rotation_normal_equations(self.cameras[-1], R_prev_cur, intensity, *self._last_coarse)
+            A, b, cost, count = rotation_normal_equations(
+                self.cameras[-1], R_prev_cur, intensity, *self._last_coarse
+            )
             if count < 100 or cost / count >= best_cost:
                 break
             best, best_cost = R_prev_cur, cost / count
@@ -114,7 +120,9 @@ class Tracker:
         gates.stride = config.stride[level]
         return gates
 
-    def _verdict(self, frame: Sequence[FrameMaps], icp: tuple | None, rgb: tuple | None, diverged: bool) -> Health:
+    def _verdict(
+        self, frame: Sequence[FrameMaps], icp: tuple | None, rgb: tuple | None, diverged: bool
+    ) -> Health:
         if icp is None or rgb is None:
             return Health(False, "no iterations", 0.0, np.inf, np.inf, np.full((6, 6), np.inf), 0.0)
         config = self.config
@@ -127,7 +135,11 @@ class Tracker:
         variance = (icp[2] + config.w_rgb * rgb[2]) / max(icp[3] + rgb[3], 1)
         covariance = variance * np.linalg.pinv(A) if np.isfinite(A).all() else np.full((6, 6), np.inf)
         share = float(np.mean(np.diag(icp[0]) / np.maximum(np.diag(A), 1e-12)))
-        std = float(np.sqrt(np.abs(np.linalg.eigvalsh(covariance)).max())) if np.isfinite(covariance).all() else np.inf
+        std = (
+            float(np.sqrt(np.abs(np.linalg.eigvalsh(covariance)).max()))
+            if np.isfinite(covariance).all()
+            else np.inf
+        )
         reasons = [
             (diverged, "the normal equations have no solution"),
             (valid == 0, "no depth"),

@@ -12,7 +12,11 @@ BILATERAL_RADIUS = 3
 
 @wp.kernel(enable_backward=False)
 def _bilateral(
-    s: Slice, depth: wp.array2d(dtype=float), sigma_space: float, sigma_range: float, out: wp.array2d(dtype=float)
+    s: Slice,
+    depth: wp.array2d(dtype=float),
+    sigma_space: float,
+    sigma_range: float,
+    out: wp.array2d(dtype=float),
 ):
     row, lane = wp.tid()
     y = s.first + row
@@ -64,7 +68,10 @@ def _half(s: Slice, image: wp.array2d(dtype=float), out: wp.array2d(dtype=float)
     y = s.first + row
     for x in range(lane, out.shape[1], s.step):
         out[y, x] = 0.25 * (
-            image[2 * y, 2 * x] + image[2 * y, 2 * x + 1] + image[2 * y + 1, 2 * x] + image[2 * y + 1, 2 * x + 1]
+            image[2 * y, 2 * x]
+            + image[2 * y, 2 * x + 1]
+            + image[2 * y + 1, 2 * x]
+            + image[2 * y + 1, 2 * x + 1]
         )
 
 

@@ -70,7 +70,13 @@ def _slices(units: int, count: int, step: int, slices: int) -> list[tuple[Slice,
 
 
 def launch_rows(
-    kernel: Any, rows: int, width: int, inputs: Sequence[Any], outputs: Sequence[Any], device: Any, lanes: int = 0
+    kernel: Any,
+    rows: int,
+    width: int,
+    inputs: Sequence[Any],
+    outputs: Sequence[Any],
+    device: Any,
+    lanes: int = 0,
 ) -> None:
     """Launch an image kernel; `width` is the number of columns its threads share.
 
@@ -102,7 +108,9 @@ def _load(module: Any, device: str) -> None:
     module.load(wp.get_device(device))
 
 
-def _run(kernel: Any, parts: Sequence[tuple[Slice, Any]], inputs: Sequence, outputs: Sequence, device: Any) -> None:
+def _run(
+    kernel: Any, parts: Sequence[tuple[Slice, Any]], inputs: Sequence, outputs: Sequence, device: Any
+) -> None:
     _load(kernel.module, wp.get_device(device).alias)
 
     def one(part: Slice, dim: Any) -> None:

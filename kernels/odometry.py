@@ -208,7 +208,9 @@ def gradient(intensity: wp.array, vertex: wp.array | None = None) -> wp.array:
     """
     out = wp.empty(intensity.shape, dtype=wp.vec2, device=intensity.device)
     mask = vertex if vertex is not None else wp.empty((1, 1), dtype=wp.vec3, device=intensity.device)
-    launch_rows(_gradient, *intensity.shape, [intensity, mask, int(vertex is not None)], [out], intensity.device)
+    launch_rows(
+        _gradient, *intensity.shape, [intensity, mask, int(vertex is not None)], [out], intensity.device
+    )
     return out
 
 
@@ -237,7 +239,11 @@ def joint_normal_equations(
 
 
 def rotation_normal_equations(
-    camera: Camera, R_prev_cur: np.ndarray, intensity: wp.array, last_intensity: wp.array, last_gradient: wp.array
+    camera: Camera,
+    R_prev_cur: np.ndarray,
+    intensity: wp.array,
+    last_intensity: wp.array,
+    last_gradient: wp.array,
 ) -> tuple:
     """Normal equations of rotation-only alignment of two intensity images (SO(3) pre-alignment).
 

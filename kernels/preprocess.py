@@ -21,7 +21,9 @@ SIGMA_RANGE = 0.03
 """Bilateral filter: range sigma [m]."""
 _SQRT2 = wp.constant(1.4142135)
 _MAX_SLANT = wp.constant(2.0)  # a slanted surfel's radius grows at most by this factor
-_BLOCK_RANGE = wp.constant(0.05)  # pyramid: pixels of a block further than this (per metre) behind the nearest are left out
+_BLOCK_RANGE = wp.constant(
+    0.05
+)  # pyramid: pixels of a block further than this (per metre) behind the nearest are left out
 
 
 @wp.func
@@ -179,10 +181,17 @@ def half_image(image: wp.array) -> wp.array:
         filters.half(image, out)
         return out
     block = image.numpy()[: 2 * height, : 2 * width]
-    return wp.array(cv2.resize(block, (width, height), interpolation=cv2.INTER_AREA), dtype=float, device="cpu", copy=False)
+    return wp.array(
+        cv2.resize(block, (width, height), interpolation=cv2.INTER_AREA),
+        dtype=float,
+        device="cpu",
+        copy=False,
+    )
 
 
-def half_surface(vertex: wp.array, normal: wp.array, intensity: wp.array) -> tuple[wp.array, wp.array, wp.array]:
+def half_surface(
+    vertex: wp.array, normal: wp.array, intensity: wp.array
+) -> tuple[wp.array, wp.array, wp.array]:
     """Vertex, normal and intensity maps of the next pyramid level: means that never cross a depth step.
 
     A block without any vertex is invalid in all three maps. Shapes (H, W) to (H // 2, W // 2).
@@ -193,7 +202,9 @@ def half_surface(vertex: wp.array, normal: wp.array, intensity: wp.array) -> tup
     return out[0], out[1], out[2]
 
 
-def preprocess(rgb: np.ndarray, depth: np.ndarray, cameras: Sequence[Camera], device: wp.Device) -> list[FrameMaps]:
+def preprocess(
+    rgb: np.ndarray, depth: np.ndarray, cameras: Sequence[Camera], device: wp.Device
+) -> list[FrameMaps]:
     """All maps of a frame, finest level first.
 
     Normals, radii and edges come from the filtered depth. Level 0 carries colour, radius and edge as well;

@@ -29,7 +29,11 @@ def usage() -> str:
     """The help text of `dsmap` alone."""
     width = max(map(len, COMMANDS))
     lines = [f"  {name:<{width}}  {text}" for name, (_, text) in COMMANDS.items()]
-    return "usage: dsmap <command> [options]\n\n" + "\n".join(lines) + "\n\n`dsmap <command> --help` lists options."
+    return (
+        "usage: dsmap <command> [options]\n\n"
+        + "\n".join(lines)
+        + "\n\n`dsmap <command> --help` lists options."
+    )
 
 
 def run(command: str, argv: list[str]) -> int:
@@ -45,7 +49,10 @@ def run(command: str, argv: list[str]) -> int:
         extra = _PACKAGE_EXTRA.get((error.name or "").split(".")[0])
         if extra is None:
             raise
-        print(f"dsmap {command}: needs {error.name}; install it with: pip install 'dsmap[{extra}]'", file=sys.stderr)
+        print(
+            f"dsmap {command}: needs {error.name}; install it with: pip install 'dsmap[{extra}]'",
+            file=sys.stderr,
+        )
         return 2
 
 

@@ -75,8 +75,12 @@ class Args:
     """Draw the pictures."""
     seed: int = 0
     """Seed of label corruption."""
-    track: Annotated[TrackConfig, tyro.conf.arg(help="tracking parameters")] = field(default_factory=TrackConfig)
-    surfels: Annotated[SurfelConfig, tyro.conf.arg(help="surfel parameters")] = field(default_factory=SurfelConfig)
+    track: Annotated[TrackConfig, tyro.conf.arg(help="tracking parameters")] = field(
+        default_factory=TrackConfig
+    )
+    surfels: Annotated[SurfelConfig, tyro.conf.arg(help="surfel parameters")] = field(
+        default_factory=SurfelConfig
+    )
 
 
 def main(args: Args) -> int:
@@ -87,12 +91,18 @@ def main(args: Args) -> int:
     )  # fmt: skip
     config, spec = map_config(args, sequence), segmenter_spec(args)
     if args.poses == "given" and not sequence.has_poses:
-        raise InputError(f"{args.path}: --poses given, but the recording has no poses; expected a ground truth file")
+        raise InputError(
+            f"{args.path}: --poses given, but the recording has no poses; expected a ground truth file"
+        )
     if spec.kind == "labels" and not sequence.has_labels:
-        raise InputError(f"{args.path}: --segmenter labels, but the recording has no labels; expected label.txt")
+        raise InputError(
+            f"{args.path}: --segmenter labels, but the recording has no labels; expected label.txt"
+        )
     mapper = Mapper(config, sequence.intrinsics, make_segmenter(spec, _torch_device(args.device)))
     claim_folder(args.out, args.overwrite)
-    print(f"{sequence.layout} recording, {len(sequence)} frames, intrinsics from {sequence.intrinsics_source}")
+    print(
+        f"{sequence.layout} recording, {len(sequence)} frames, intrinsics from {sequence.intrinsics_source}"
+    )
     for note in sequence.notes:
         print(f"note: {note}")
     start = time.perf_counter()
@@ -109,7 +119,9 @@ def map_config(args: Args, sequence: Sequence) -> MapConfig:
     every = 0 if args.segment_every == "keyframes" else _positive(args.segment_every)
     depth_max = args.depth_max or sequence.depth_max or 3.0
     if not 0 <= args.depth_min < depth_max or not math.isfinite(depth_max):
-        raise InputError(f"depth range is {args.depth_min}..{depth_max} m; expected 0 <= --depth-min < --depth-max")
+        raise InputError(
+            f"depth range is {args.depth_min}..{depth_max} m; expected 0 <= --depth-min < --depth-max"
+        )
     device = {"cuda": "cuda:0"}.get(args.device, args.device)
     labels = LabelConfig(rule=args.label_fusion, every=every)
     return MapConfig(device, args.depth_min, depth_max, args.poses, args.track, args.surfels, labels)
@@ -189,7 +201,9 @@ def draw(out: Path, mapper: Mapper, sequence: Sequence, shown: list[tuple[int, S
     for position, result in shown:
         frame = sequence.frame(position)
         probabilities = mapper.segmenter(frame) if mapper.segmenter and result.tracked else None
-        predicted = None if probabilities is None else (probabilities[..., 1:].argmax(-1) + 1).astype(np.uint8)
+        predicted = (
+            None if probabilities is None else (probabilities[..., 1:].argmax(-1) + 1).astype(np.uint8)
+        )
         strip.append(StripFrame(frame, result.T_world_camera, predicted))
     reference = [sequence.T_world_camera(i) for i in range(len(sequence))]
     write_pictures(out, mapper.surfels, mapper.trajectory, sequence.intrinsics, strip, reference)
@@ -200,7 +214,9 @@ def report(mapper: Mapper, sequence: Sequence, out: Path) -> None:
     stats = statistics(mapper, len(sequence.skipped), 0.0)
     tracking, speed = stats["tracking"], stats["speed"]
     lost, skipped = tracking["lost_frames"], tracking["skipped_frames"]
-    print(f"{tracking['tracked_frames']} of {len(mapper.trajectory)} frames tracked, {lost} lost, {skipped} skipped")
+    print(
+        f"{tracking['tracked_frames']} of {len(mapper.trajectory)} frames tracked, {lost} lost, {skipped} skipped"
+    )
     for index, reason in sequence.skipped[:5]:
         print(f"skipped frame {index}: {reason}")
     fps = f"{speed['fps']:.1f} frames/s" if speed["fps"] else "no frame mapped"

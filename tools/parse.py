@@ -20,7 +20,9 @@ def parse_intrinsics(text: str | None) -> tuple[float, float, float, float] | No
     try:
         fx, fy, cx, cy = (float(part) for part in text.split(","))
     except ValueError as error:
-        raise InputError(f"intrinsics are {text!r}; expected four numbers fx,fy,cx,cy, e.g. 525,525,319.5,239.5") from error
+        raise InputError(
+            f"intrinsics are {text!r}; expected four numbers fx,fy,cx,cy, e.g. 525,525,319.5,239.5"
+        ) from error
     if fx <= 0 or fy <= 0:
         raise InputError(f"intrinsics are {text!r}; expected positive focal lengths fx and fy")
     return fx, fy, cx, cy

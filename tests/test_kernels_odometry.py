@@ -1,0 +1,120 @@
+"""Residual reductions against their NumPy twins, and what they must be able to estimate."""
+
+import numpy as np
+import pytest
+import reference
+import warp as wp
+from dsmap.frame import Intrinsics
+from dsmap.fusion.config import TrackConfig
+from dsmap.fusion.lie import exp_se3, exp_so3, inverse, rotation_angle
+from dsmap.fusion.tracker import ModelView, Tracker
+from dsmap.kernels import odometry
+from dsmap.kernels.camera import make_camera
+from dsmap.kernels.preprocess import preprocess
+
+INTRINSICS = Intrinsics(96, 72, 90.0, 91.0, 47.2, 35.9)
+LEVELS = [make_camera(INTRINSICS.scaled(96 >> level, 72 >> level)) for level in range(3)]
+CPU = wp.get_device("cpu")
+
+
+def room(T_world_camera: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Colour and depth of a textured corner (three planes) and a sphere, ray cast."""
+    direction = reference.rays(LEVELS[0]) @ T_world_camera[:3, :3].T
+    origin = T_world_camera[:3, 3]
+    planes = [((0, 0, -1), -2.5), ((1, 0, -0.3), -1.6), ((0, -1, -0.2), -1.7)]
+    depth = np.full(direction.shape[:2], np.inf)
+    for normal, offset in planes:
+        n = np.array(normal, dtype=np.float64)
+        with np.errstate(divide="ignore"):
+            t = (offset - origin @ n) / (direction @ n)
+        depth = np.where((t > 0) & (t < depth), t, depth)
+    centre, size = np.array([0.2, 0.1, 1.8]), 0.4
+    b = direction @ (origin - centre)
+    a = (direction**2).sum(-1)
+    disc = b**2 - a * ((origin - centre) @ (origin - centre) - size**2)
+    t = (-b - np.sqrt(np.maximum(disc, 0))) / a
+    depth = np.where((disc > 0) & (t > 0) & (t < depth), t, depth)
+    depth[~np.isfinite(depth)] = 0
+    p = origin + depth[..., None] * direction
+    light = 0.5 + 0.2 * np.sin(6 * p[..., 0] + 1) * np.cos(5 * p[..., 1]) + 0.15 * np.sin(7 * p[..., 2])
+    rgb = np.repeat((255 * light.clip(0, 1))[..., None], 3, axis=2)
+    return rgb.astype(np.uint8), depth.astype(np.float32)
+
+
+def pair(T_prev_cur: np.ndarray):
+    """Maps of two views of the room, and the first as a model view."""
+    first = preprocess(*room(np.eye(4)), LEVELS, CPU)
+    second = preprocess(*room(T_prev_cur), LEVELS, CPU)
+    return second, ModelView(first[0].vertex, first[0].normal, first[0].intensity, 3, np.eye(4)), first
+
+
+@pytest.mark.parametrize("stride", [1, 2])
+def test_joint_normal_equations(stride):
+    frame, model, _ = pair(exp_se3(np.array([0.02, -0.01, 0.015, 0.01, 0.02, -0.01])))
+    tracker = Tracker(TrackConfig(stride=(stride,) * 3, huber_icp=0.004, huber_rgb=0.02, noise_z=0.3), LEVELS)
+    gates = tracker._gates(1)
+    T = exp_se3(np.array([0.01, 0.0, 0.005, 0.0, 0.01, 0.0]))
+    maps = (frame[1].vertex, frame[1].normal, frame[1].intensity)
+    got = odometry.joint_normal_equations(LEVELS[1], T, gates, maps, model.levels[1])
+    arrays = [tuple(a.numpy().astype(np.float64) for a in group) for group in (maps, model.levels[1])]
+    for ours, rows in zip(got, reference.joint_rows(LEVELS[1], T, gates, *arrays), strict=True):
+        A, b, cost, count = reference.normal_equations(rows)
+        assert abs(ours[3] - count) <= 2, "a pixel on a gate may fall either way in single precision"
+        np.testing.assert_allclose(ours[0], A, rtol=0.02, atol=2e-3 * np.abs(A).max())
+        np.testing.assert_allclose(ours[1], b, atol=0.01 * np.abs(b).max())
+        np.testing.assert_allclose(ours[2], cost, rtol=0.02)
+
+
+def test_rotation_normal_equations():
+    frame, _, first = pair(exp_se3(np.array([0, 0, 0, 0.01, 0.03, -0.01])))
+    R = exp_so3(np.array([0.0, 0.01, 0.0]))
+    last = first[2].intensity
+    gradient = odometry.gradient(last)
+    got = odometry.rotation_normal_equations(LEVELS[2], R, frame[2].intensity, last, gradient)
+    rows = reference.rotation_rows(LEVELS[2], R, frame[2].intensity.numpy(), last.numpy(), gradient.numpy())
+    for ours, expected in zip(got, reference.normal_equations(rows), strict=True):
+        np.testing.assert_allclose(ours, expected, rtol=1e-3, atol=1e-3 * np.abs(expected).max())
+
+
+def test_lanes_do_not_change_the_sums(monkeypatch):
+    """The CUDA path splits rows into lanes: the same sums, in another order."""
+    frame, model, _ = pair(exp_se3(np.array([0.02, 0, 0, 0, 0.01, 0])))
+    gates = Tracker(TrackConfig(stride=(1, 1, 1)), LEVELS)._gates(0)
+    maps = (frame[0].vertex, frame[0].normal, frame[0].intensity)
+    one = odometry.joint_normal_equations(LEVELS[0], np.eye(4), gates, maps, model.levels[0])
+    monkeypatch.setattr(odometry, "_lanes", lambda device: odometry.CUDA_LANES)
+    many = odometry.joint_normal_equations(LEVELS[0], np.eye(4), gates, maps, model.levels[0])
+    for a, b in zip(one, many, strict=True):
+        assert a[3] == b[3]
+        np.testing.assert_allclose(a[0], b[0], rtol=1e-4, atol=1e-4 * np.abs(a[0]).max())
+
+
+@pytest.mark.parametrize(
+    "xi", [[0.03, -0.02, 0.02, 0.02, -0.03, 0.01], [0, 0, 0, 0, 0.08, 0.0], [0.05, 0, 0, 0, 0, 0]]
+)
+def test_tracker_finds_the_motion(xi):
+    truth = exp_se3(np.array(xi))
+    frame, model, first = pair(truth)
+    tracker = Tracker(TrackConfig(stride=(1, 1, 1)), LEVELS)
+    tracker.remember(first)
+    T_prev_cur, health = tracker.track(frame, model)
+    error = inverse(truth) @ T_prev_cur
+    assert health.tracked, health.reason
+    assert np.linalg.norm(error[:3, 3]) < 2e-3
+    assert np.rad2deg(rotation_angle(error)) < 0.1
+    assert 0.01 < health.information_icp < 0.99, "neither residual may drown the other"
+
+
+def test_tracker_knows_when_it_is_lost():
+    frame, model, first = pair(np.eye(4))
+    rng = np.random.default_rng(0)
+    noise = preprocess(rng.integers(0, 256, (72, 96, 3), dtype=np.uint8),
+                       rng.uniform(0.5, 3, (72, 96)).astype(np.float32), LEVELS, CPU)  # fmt: skip
+    tracker = Tracker(TrackConfig(), LEVELS)
+    tracker.remember(first)
+    assert not tracker.track(noise, model)[1].tracked
+    far = preprocess(*room(exp_se3(np.array([0, 0, 0, 0, 2.5, 0]))), LEVELS, CPU)
+    assert not tracker.track(far, model)[1].tracked
+    empty = preprocess(np.zeros((72, 96, 3), np.uint8), np.zeros((72, 96), np.float32), LEVELS, CPU)
+    assert not tracker.track(empty, model)[1].tracked
+    assert tracker.track(frame, model)[1].tracked
