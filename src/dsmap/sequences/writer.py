@@ -17,7 +17,7 @@ from dsmap.sequences.associate import pose_vector
 from dsmap.sequences.calibration import FILE, Calibration, write_calibration
 from dsmap.sequences.images import SATURATED
 
-_LISTS = {
+LISTS = {
     "rgb": "# color images\n# timestamp filename\n",
     "depth": "# depth maps\n# timestamp filename\n",
     "label": "# class ids (classes.json)\n# timestamp filename\n",
@@ -144,7 +144,7 @@ class SequenceWriter:
         try:
             if name not in self._lists:
                 file = open(self.path / f"{name}.txt", "w")  # noqa: SIM115 - open over many calls; close() ends it
-                file.write(_LISTS[name])
+                file.write(LISTS[name])
                 self._lists[name] = file
             self._lists[name].write(f"{stamp} {text}\n")
             self._lists[name].flush()
@@ -168,7 +168,7 @@ def write_classes(folder: Path) -> None:
 
 def remove_sequence(folder: Path) -> None:
     """Delete the files of a TUM-layout sequence, and nothing else in the folder."""
-    for name in _LISTS:
+    for name in LISTS:
         (folder / f"{name}.txt").unlink(missing_ok=True)
         if name != "groundtruth":
             shutil.rmtree(folder / name, ignore_errors=True)

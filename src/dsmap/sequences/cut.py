@@ -1,0 +1,116 @@
+"""Cutting a stretch out of a recording, without touching the images."""
+
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from dsmap.errors import InputError
+from dsmap.files import atomic_path
+from dsmap.sequences.associate import MAX_DIFFERENCE_S, pose_vector
+from dsmap.sequences.base import Sequence
+from dsmap.sequences.calibration import write_calibration
+from dsmap.sequences.mesh import FILE as MESH
+from dsmap.sequences.tum import read_image_list, read_poses
+from dsmap.sequences.writer import LISTS, write_classes
+
+_POSE_MARGIN_S = 1.0
+"""Poses this long before and after the stretch are kept, so that its ends can be interpolated [s]."""
+
+
+@dataclass
+class CutResult:
+    """Lines written to each list, by its name (`rgb`, `depth`, `groundtruth`, ...)."""
+
+    counts: dict[str, int]
+    begin: float
+    """First stamp of the stretch [s]."""
+
+
+def cut_sequence(sequence: Sequence, destination: Path | str, *, start_s: float, seconds: float) -> CutResult:
+    """Copy a stretch of a recording into a new sequence in the TUM layout.
+
+    Image files are copied as they are. From a TUM recording all lists are cut to the stretch, with the
+    images that have no partner and the poses of one second around it; other layouts give their pairs.
+
+    Args:
+        sequence: the recording, opened whole.
+        start_s: beginning, after the first colour stamp [s].
+        seconds: length [s]; the end is left out.
+
+    Raises:
+        InputError: the stretch holds no colour image, an image is missing, or the destination exists.
+    """
+    destination = Path(destination)
+    if destination.exists() and (not destination.is_dir() or any(destination.iterdir())):
+        raise InputError(f"{destination}: found something there already, expected a new folder")
+    if not (np.isfinite([start_s, seconds]).all() and start_s >= 0 and seconds > 0):
+        raise InputError(f"start {start_s} s and length {seconds} s: expected a start >= 0 and a length > 0")
+    images, poses, first = _tum_content(sequence) if sequence.layout == "tum" else _pair_content(sequence)
+    begin = first + start_s
+    # An image without a partner at the ends must not lose it to the cut: other lists reach 20 ms further.
+    chosen = {
+        name: [
+            (t, file)
+            for t, file in rows
+            if begin - (name != "rgb") * MAX_DIFFERENCE_S
+            <= t
+            < begin + seconds + (name != "rgb") * MAX_DIFFERENCE_S
+        ]
+        for name, rows in images.items()
+    }
+    if not chosen["rgb"]:
+        raise InputError(
+            f"{sequence.path}: no colour image from {start_s} s to {start_s + seconds} s after its start"
+        )
+    kept = [(t, pose) for t, pose in poses if begin - _POSE_MARGIN_S <= t < begin + seconds + _POSE_MARGIN_S]
+    write_calibration(destination, sequence.calibration)
+    lines = {
+        name: [_copy(destination, name, t, file) for t, file in rows] for name, rows in chosen.items() if rows
+    }
+    lines["groundtruth"] = [f"{t:.6f} " + " ".join(f"{v:.7f}" for v in pose) for t, pose in kept]
+    for name, rows in lines.items():
+        if rows:
+            with atomic_path(destination / f"{name}.txt") as path:
+                path.write_text(LISTS[name] + "\n".join(rows) + "\n")
+    if "label" in lines:
+        write_classes(destination)
+    if (sequence.path / MESH).exists():
+        shutil.copyfile(sequence.path / MESH, destination / MESH)
+    return CutResult({name: len(rows) for name, rows in lines.items()}, begin)
+
+
+Rows = list[tuple[float, Path]]
+Poses = list[tuple[float, np.ndarray]]
+
+
+def _tum_content(sequence: Sequence) -> tuple[dict[str, Rows], Poses, float]:
+    folder = sequence.path
+    images: dict[str, Rows] = {}
+    for name in ("rgb", "depth", "label", "instance"):
+        if (folder / f"{name}.txt").exists():
+            times, files = read_image_list(folder / f"{name}.txt", [])
+            images[name] = list(zip(times.tolist(), files, strict=True))
+    poses: Poses = []
+    if (folder / "groundtruth.txt").exists():
+        pose_times, vectors = read_poses(folder / "groundtruth.txt", [])
+        poses = list(zip(pose_times.tolist(), vectors, strict=True))
+    return images, poses, images["rgb"][0][0]
+
+
+def _pair_content(sequence: Sequence) -> tuple[dict[str, Rows], Poses, float]:
+    entries = sequence.entries
+    images = {"rgb": [(e.time, e.rgb) for e in entries], "depth": [(e.time, e.depth) for e in entries]}
+    poses = [(e.time, pose_vector(e.T_world_camera)) for e in entries if e.T_world_camera is not None]
+    return images, poses, entries[0].time
+
+
+def _copy(destination: Path, name: str, time: float, source: Path) -> str:
+    """Copy one image and return its line of the list."""
+    relative = f"{name}/{time:.6f}{source.suffix.lower()}"
+    if not source.is_file():
+        raise InputError(f"{source}: no such file, expected the image that a list names")
+    with atomic_path(destination / relative) as path:
+        shutil.copyfile(source, path)
+    return f"{time:.6f} {relative}"
