@@ -1,0 +1,118 @@
+"""Tables of scores for the terminal."""
+
+from typing import Any
+
+_COLUMNS = {
+    "single_frame": "network alone",
+    "map": "map",
+    "map_only": "map only",
+    "map_only_off_edges": "off edges",
+    "surfels": "surfels 3D",
+}
+"""Keys of `semantics` and how the table names them."""
+_LABEL_ROWS = (("class average", "class_avg"), ("pixel accuracy", "pixel_acc"), ("mean IoU", "miou"))
+
+
+def run_tables(metrics: dict[str, Any]) -> str:
+    """All tables of a run's metrics."""
+    parts = [
+        _section("Trajectory", metrics["trajectory"], _trajectory_rows(metrics["trajectory"])),
+        _section("Surface", metrics["surface"], _surface_rows(metrics["surface"])),
+        _labels(metrics["semantics"]),
+        _section("Map", metrics["map"], [(k.replace("_", " "), _count(metrics["map"][k])) for k in _MAP]),
+        _section("Speed", metrics["speed"], _speed_rows(metrics["speed"])),
+    ]
+    return "\n\n".join(parts)
+
+
+_MAP = ("frames", "surfels", "graph_nodes", "local_loops", "global_loops")
+
+
+def network_table(metrics: dict[str, Any]) -> str:
+    """The table of a network alone: the single-frame column of the paper's Table 4."""
+    return f"{metrics['frames']} labelled images\n" + _labels({"single_frame": metrics["single_frame"]})
+
+
+def _trajectory_rows(t: dict[str, Any]) -> list[tuple[str, str]]:
+    rows = [
+        ("tracked frames", _percent(t["tracked_fraction"])),
+        ("ATE RMSE, SE(3)-aligned", _mm(t["ate_rmse_m"])),
+        ("ATE RMSE, first poses equal", _mm(t["ate_rmse_unaligned_m"])),
+        ("RPE over 1 s", f"{_mm(t['rpe_trans_rmse_m'])}, {_number(t['rpe_rot_rmse_deg'], 2, ' deg')}"),
+    ]
+    for name, key in (("estimated", "depth_consistency_m"), ("given", "depth_consistency_given_m")):
+        if key in t:
+            steps = ", ".join(f"{_mm(v)} at {k} frames" for k, v in t[key].items() if k != "reason")
+            rows.append((f"depth consistency, {name} poses", steps))
+    return rows
+
+
+def _surface_rows(s: dict[str, Any]) -> list[tuple[str, str]]:
+    return [
+        ("distance to the mesh, mean", _mm(s["accuracy_mean_m"])),
+        ("distance to the mesh, median", _mm(s["accuracy_median_m"])),
+        ("mean with first poses equal", _mm(s["accuracy_mean_unaligned_m"])),
+        ("completeness at 5 cm", _percent(s["completeness_5cm"])),
+        ("F-score at 5 cm", _percent(s["fscore_5cm"])),
+    ]
+
+
+def _speed_rows(s: dict[str, Any]) -> list[tuple[str, str]]:
+    stages = s["stages_ms"] or {}
+    memory = s["peak_rss_bytes"]
+    return [
+        ("frames per second", _number(s["fps"], 1)),
+        ("peak memory", "-" if memory is None else f"{memory / 2**20:.0f} MiB"),
+        *((f"  {name}", f"{ms:.1f} ms") for name, ms in stages.items()),
+    ]
+
+
+def _labels(semantics: dict[str, Any]) -> str:
+    """Classes down, kinds of answer across."""
+    columns = [key for key in _COLUMNS if key in semantics and semantics[key]["class_avg"] is not None]
+    title = "Labels"
+    if "coverage" in semantics and semantics["coverage"] is not None:
+        title += f" ({semantics['frames']} frames, coverage {_percent(semantics['coverage'])})"
+    if not columns:
+        reason = semantics.get("reason") or semantics["single_frame"].get("reason", "nothing to score")
+        return f"{title}\n  not scored: {reason}"
+    classes = list(dict.fromkeys(name for key in columns for name in semantics[key]["per_class"]))
+    lines = [f"  {'recall':<16}" + "".join(f"{_COLUMNS[key]:>15}" for key in columns)]
+    for name in classes:
+        cells = (semantics[key]["per_class"].get(name, {}).get("recall") for key in columns)
+        lines.append(f"  {name:<16}" + "".join(f"{_percent(cell):>15}" for cell in cells))
+    for name, key in _LABEL_ROWS:
+        lines.append(f"  {name:<16}" + "".join(f"{_percent(semantics[c][key]):>15}" for c in columns))
+    ece = "".join(f"{_number(semantics[c].get('ece'), 3):>15}" for c in columns)
+    reasons = [
+        f"  {_COLUMNS[k]} not scored: {semantics[k]['reason']}" for k in _COLUMNS if _unscored(semantics, k)
+    ]
+    return "\n".join([title, *lines, f"  {'ECE':<16}{ece}", *reasons])
+
+
+def _unscored(semantics: dict[str, Any], key: str) -> bool:
+    return key in semantics and semantics[key]["class_avg"] is None and "reason" in semantics[key]
+
+
+def _section(title: str, tree: dict[str, Any], rows: list[tuple[str, str]]) -> str:
+    reason = tree.get("reason")
+    if reason and all(value in (None, reason) for value in tree.values()):
+        return f"{title}\n  not scored: {reason}"
+    lines = [f"  {name:<34}{text}" for name, text in rows]
+    return "\n".join([title, *lines, *([f"  {reason}"] if reason else [])])
+
+
+def _number(value: float | None, digits: int, unit: str = "") -> str:
+    return "-" if value is None else f"{value:.{digits}f}{unit}"
+
+
+def _mm(value: float | None) -> str:
+    return "-" if value is None else f"{value * 1e3:.1f} mm"
+
+
+def _percent(value: float | None) -> str:
+    return "-" if value is None else f"{value * 100:.1f} %"
+
+
+def _count(value: int | None) -> str:
+    return "-" if value is None else f"{value:,}"
