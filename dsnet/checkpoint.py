@@ -47,18 +47,18 @@ def load_tensors(path: Path, file_format: str) -> tuple[dict[str, Tensor], dict]
         InputError: missing, damaged, or of another format.
     """
     if not path.is_file():
-        raise InputError(f"{path}: no such file, expected a {file_format} safetensors file.")
+        raise InputError(f"{path}: no such file, expected a {file_format} safetensors file")
     try:
         with safetensors.safe_open(path, framework="pt") as file:
             metadata = file.metadata() or {}
             if metadata.get("format") != file_format:
                 found = metadata.get("format", "none")
-                raise InputError(f"{path}: format marker is {found!r}, expected {file_format!r}.")
+                raise InputError(f"{path}: format marker is {found!r}, expected {file_format!r}")
             header = json.loads(metadata["header"])
             # A copy of the mapped file: the training loop rewrites its own checkpoint.
             return {name: file.get_tensor(name).clone() for name in file.keys()}, header  # noqa: SIM118
     except (safetensors.SafetensorError, KeyError, ValueError) as error:
-        raise InputError(f"{path}: not a readable safetensors file of {file_format} ({error}).") from error
+        raise InputError(f"{path}: not a readable safetensors file of {file_format} ({error})") from error
 
 
 def save_weights(path: Path, model: DSNet, info: WeightsInfo) -> None:
@@ -83,12 +83,12 @@ def load_weights(path: Path | str) -> tuple[DSNet, WeightsInfo]:
             notes=dict(header["notes"]),
         )
     except (KeyError, TypeError, ValueError, IndexError) as error:
-        raise InputError(f"{path}: unknown {WEIGHTS_FORMAT} header ({error!r}).") from error
+        raise InputError(f"{path}: unknown {WEIGHTS_FORMAT} header ({error!r})") from error
     if info.class_names != CLASS_NAMES:
-        raise InputError(f"{path}: classes are {list(info.class_names)}, expected {list(CLASS_NAMES)}.")
+        raise InputError(f"{path}: classes are {list(info.class_names)}, expected {list(CLASS_NAMES)}")
     if any(side < 32 or side % 32 for side in info.size) or not info.temperature > 0:
         raise InputError(
-            f"{path}: size {info.size} and temperature {info.temperature}, expected multiples of 32 and > 0."
+            f"{path}: size {info.size} and temperature {info.temperature}, expected multiples of 32 and > 0"
         )
     model = DSNet(info.config)
     load_state(model, tensors, path)
@@ -101,7 +101,7 @@ def load_state(model: torch.nn.Module, tensors: dict[str, Tensor], path: Path) -
         model.load_state_dict(tensors)
     except RuntimeError as error:
         reason = " ".join(str(error).split())
-        raise InputError(f"{path}: tensors do not fit the network it describes ({reason[:200]}).") from error
+        raise InputError(f"{path}: tensors do not fit the network it describes ({reason[:200]})") from error
 
 
 def config_from(record: dict) -> DSNetConfig:

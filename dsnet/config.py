@@ -1,6 +1,7 @@
 """Configuration of the network and of its training; free of torch, so that `--help` stays quick."""
 
 from dataclasses import dataclass
+from typing import Literal
 
 from dsmap.classes import NUM_CLASSES
 from dsmap.errors import InputError
@@ -27,11 +28,11 @@ class DSNetConfig:
 
     def __post_init__(self) -> None:
         if self.stem_convs not in (1, 3):
-            raise InputError(f"DS-Net: stem_convs is {self.stem_convs}, expected 1 or 3.")
+            raise InputError(f"DS-Net: stem_convs is {self.stem_convs}, expected 1 or 3")
         if min(self.layers, self.growth, *self.widths, self.classes) < 1 or len(self.widths) != 4:
-            raise InputError(f"DS-Net: layers, growth, classes and 4 widths must be positive, found {self}.")
+            raise InputError(f"DS-Net: layers, growth, classes and 4 widths must be positive, found {self}")
         if not 0 <= self.dropout < 1:
-            raise InputError(f"DS-Net: dropout is {self.dropout}, expected 0 <= dropout < 1.")
+            raise InputError(f"DS-Net: dropout is {self.dropout}, expected 0 <= dropout < 1")
 
 
 @dataclass(frozen=True)
@@ -82,7 +83,7 @@ class TrainConfig:
     """Steps of linear warm-up before the cosine decay to zero."""
     ema: float = 0.998
     """Decay of the averaged weights that are validated and saved; 0: no averaging."""
-    balance: str = "median"
+    balance: Literal["median", "log", "none"] = "median"
     """Class weights: `median` (median frequency), `log` (1 / log(1.02 + frequency)) or `none`."""
     validate_every: int = 500
     """Steps between validations, which also write the checkpoint."""
@@ -93,10 +94,8 @@ class TrainConfig:
 
     def __post_init__(self) -> None:
         if any(side % 32 or side < 32 for side in self.size):
-            raise InputError(f"training: size is {self.size}, expected multiples of 32.")
-        if self.balance not in ("median", "log", "none"):
-            raise InputError(f"training: balance is {self.balance!r}, expected median, log or none.")
+            raise InputError(f"training: size is {self.size}, expected multiples of 32")
         if min(self.steps, self.batch, self.validate_every) < 1 or self.lr <= 0 or not 0 <= self.ema < 1:
             raise InputError(
-                "training: steps, batch and validate-every must be at least 1, lr above 0, 0 <= ema < 1."
+                "training: steps, batch and validate-every must be at least 1, lr above 0, 0 <= ema < 1"
             )

@@ -2,21 +2,15 @@
 
 from pathlib import Path
 
-import cv2
 import numpy as np
 import torch
 
 from dsmap.dsnet.checkpoint import WeightsInfo, load_weights
 from dsmap.dsnet.model import DSNet, fold_batch_norms, to_input
 from dsmap.frame import Frame
+from dsmap.sequences.images import resize_colour
 
 SHIPPED_WEIGHTS = Path(__file__).parent / "weights" / "dsnet.safetensors"
-
-
-def resize_image(rgb: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    """The whole image, uint8 (H, W, 3), at `size` (width, height), without aliasing when it shrinks."""
-    shrinks = size[0] < rgb.shape[1] or size[1] < rgb.shape[0]
-    return cv2.resize(rgb, size, interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR)
 
 
 class DSNetSegmenter:
@@ -28,15 +22,22 @@ class DSNetSegmenter:
         self.model = fold_batch_norms(model).to(self.device, memory_format=torch.channels_last)
 
     @torch.inference_mode()
+    def logits(self, rgb: np.ndarray) -> np.ndarray:
+        """Class logits before the temperature, float32, shape (h, w, 14), of uint8 RGB (H, W, 3)."""
+        return self._forward(rgb)[0].permute(1, 2, 0).cpu().numpy()
+
+    @torch.inference_mode()
     def predict(self, rgb: np.ndarray) -> np.ndarray:
         """Calibrated probabilities, float32, shape (h, w, 14), of an RGB image, uint8 (H, W, 3).
 
         (h, w) is half the working size of the weights; rows sum to 1.
         """
-        image = resize_image(rgb, self.info.size)
-        logits = self.model(to_input(torch.from_numpy(image[None]).to(self.device)))
-        probabilities = torch.softmax(logits / self.info.temperature, dim=1)
-        return probabilities[0].permute(1, 2, 0).contiguous().cpu().numpy()
+        probabilities = torch.softmax(self._forward(rgb) / self.info.temperature, dim=1)
+        return np.ascontiguousarray(probabilities[0].permute(1, 2, 0).cpu().numpy())
+
+    def _forward(self, rgb: np.ndarray) -> torch.Tensor:
+        image = torch.from_numpy(resize_colour(rgb, *self.info.size)[None])
+        return self.model(to_input(image.to(self.device)))
 
     def __call__(self, frame: Frame) -> np.ndarray:
         return self.predict(frame.rgb)

@@ -1,0 +1,62 @@
+"""How good and how honest a network is on labelled images: scores and temperature."""
+
+import cv2
+import numpy as np
+from scipy.optimize import minimize_scalar
+from scipy.special import logsumexp
+
+from dsmap.classes import VOID
+from dsmap.dsnet.data import LabelledImages
+from dsmap.dsnet.predict import DSNetSegmenter
+from dsmap.metrics import ConfusionMatrix, Reliability, class_probabilities
+from dsmap.sequences.images import resize_nearest
+
+_PIXELS_A_IMAGE = 2000
+
+
+def score(segmenter: DSNetSegmenter, data: LabelledImages, *, calibration: bool = False) -> dict:
+    """Scores of a network at the size of the labels, its probabilities enlarged bilinearly.
+
+    Args:
+        calibration: `ece` and `brier` as well (takes as long again).
+
+    Returns:
+        class_avg, pixel_acc, miou, per_class (see `ConfusionMatrix.scores`) [, ece, brier].
+    """
+    confusion, reliability = ConfusionMatrix(), Reliability()
+    for i in range(len(data)):
+        rgb, label = data[i]
+        probabilities = cv2.resize(segmenter.predict(rgb), label.shape[::-1], interpolation=cv2.INTER_LINEAR)
+        confusion.add(label, probabilities[..., 1:].argmax(axis=2) + 1)
+        if calibration:
+            reliability.add(label, class_probabilities(probabilities))
+    scores = confusion.scores()
+    if calibration:
+        scores |= {"ece": reliability.ece(), "brier": reliability.brier()}
+    return scores
+
+
+def fit_temperature(segmenter: DSNetSegmenter, data: LabelledImages, *, seed: int = 0) -> float:
+    """The temperature that minimises the negative log-likelihood of the 13 classes (Guo et al. 2017).
+
+    At most 2000 labelled pixels of each image are used, chosen by `seed`.
+    """
+    rng = np.random.default_rng(seed)
+    logits, targets = [], []
+    for i in range(len(data)):
+        rgb, label = data[i]
+        z = segmenter.logits(rgb)
+        label = resize_nearest(label, z.shape[1], z.shape[0]).ravel()
+        chosen = np.flatnonzero(label != VOID)
+        chosen = rng.permutation(chosen)[:_PIXELS_A_IMAGE]
+        logits.append(z.reshape(-1, z.shape[2])[chosen, 1:])
+        targets.append(label[chosen].astype(np.int64) - 1)
+    z, target = np.concatenate(logits).astype(np.float64), np.concatenate(targets)
+    if not len(target):
+        return 1.0
+
+    def nll(log_temperature: float) -> float:
+        scaled = z / np.exp(log_temperature)
+        return float(np.mean(logsumexp(scaled, axis=1) - scaled[np.arange(len(target)), target]))
+
+    return float(np.exp(minimize_scalar(nll, bounds=(-3, 3), method="bounded").x))
