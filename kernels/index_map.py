@@ -1,7 +1,7 @@
 """Index map: which surfel every pixel of a view sees.
 
 A dense map has about one surfel a pixel, and drawing every disc whole would touch each pixel six times. So
-a disc is drawn whole only where the camera is nearer to it than the one that measured it; all others
+a disc is drawn whole only where the camera is nearer to it than the one that measured it; most others
 write their centre's pixel only, and a second pass fills the pixels between them from the 3x3 neighbourhood,
 with the same test: does the pixel's ray hit the disc. Of the discs on the front surface the one nearest
 to the ray is taken, not the foremost, which would pull every noisy surface towards the camera.
@@ -19,10 +19,8 @@ WHOLE_FROM = wp.constant(2.2)
 """Discs whose shorter half-axis is at least this [px] are drawn whole: centres may be 1.5 pixels apart."""
 MAX_SPLAT = wp.constant(3)
 """Half-width [px] of the largest whole disc: one seen from very near is cut to 7 x 7 pixels."""
-SAME_SURFACE = wp.constant(0.05)
-"""Surfels whose depths differ by less than this [m] count as one surface."""
 UNSTABLE_PENALTY = 0.05
-"""Metres that an unstable surfel counts as deeper: it fills holes, but hides no stable surfel within 5 cm."""
+"""An unstable surfel fills holes, but hides no stable surfel within this distance [m] behind it."""
 ALWAYS = 2**31 - 1
 """Largest frame number: no upper end of a time window."""
 
@@ -32,7 +30,7 @@ class Visible:
     """Which surfels of a map take part in a view."""
 
     min_weight: wp.float32  # those with at least this confidence,
-    stable_weight: wp.float32  # and those below this one count as deeper by
+    stable_weight: wp.float32  # and those below this one stand back by
     penalty: wp.float32  # [m],
     t_min: wp.int32  # updated in frames t_min
     t_max: wp.int32  # to t_max,
@@ -46,10 +44,17 @@ def ray_disc_depth(centre: wp.vec3, normal: wp.vec3, view: wp.vec3) -> float:
 
 
 @wp.func
-def _handicap(select: Visible, weight: float) -> float:
+def _thickness(z: float) -> float:
+    """Depths that differ by less than this [m] are one surface: a few times the noise of a depth camera."""
+    return 0.01 + 0.005 * z * z
+
+
+@wp.func
+def _rank_depth(select: Visible, z: float, weight: float) -> float:
+    """The depth by which surfels are compared: unstable ones stand back behind the surface they lie on."""
     if weight < select.stable_weight:
-        return select.penalty
-    return 0.0
+        return z + select.penalty + _thickness(z)
+    return z
 
 
 @wp.func
@@ -59,7 +64,7 @@ def _draw_whole(
     p: wp.vec3,
     n: wp.vec3,
     r: float,
-    penalty: float,
+    weight: float,
     item: int,
     index: int,
     keys: wp.array2d(dtype=wp.uint64),
@@ -78,7 +83,9 @@ def _draw_whole(
             if wp.dot(n, view) < 0.0:
                 z = ray_disc_depth(p, n, view)
                 if wp.length_sq(z * view - p) <= r * r and z <= select.max_depth:
-                    wp.atomic_min(keys, index, y * camera.width + x, make_key(z + penalty, item))
+                    wp.atomic_min(
+                        keys, index, y * camera.width + x, make_key(_rank_depth(select, z, weight), item)
+                    )
 
 
 @wp.kernel(enable_backward=False)
@@ -114,15 +121,14 @@ def _splat(
         facing = -wp.dot(n, p)
         if facing <= 0.0:
             continue
-        penalty = _handicap(select, w)
+        x = int(wp.floor(u[0] + 0.5))
+        y = int(wp.floor(u[1] + 0.5))
+        inside = x >= 0 and y >= 0 and x < camera.width and y < camera.height
         # The shorter half-axis of the projected disc is f r cos / z, with cos = facing / |p|.
-        if camera.fx * r * facing >= WHOLE_FROM * p[2] * wp.length(p):
-            _draw_whole(camera, select, p, n, r, penalty, i, s.index, keys)
+        if inside and camera.fx * r * facing < WHOLE_FROM * p[2] * wp.length(p):
+            wp.atomic_min(keys, s.index, y * camera.width + x, make_key(_rank_depth(select, p[2], w), i))
         else:
-            x = int(wp.floor(u[0] + 0.5))
-            y = int(wp.floor(u[1] + 0.5))
-            if x >= 0 and y >= 0 and x < camera.width and y < camera.height:
-                wp.atomic_min(keys, s.index, y * camera.width + x, make_key(p[2] + penalty, i))
+            _draw_whole(camera, select, p, n, r, w, i, s.index, keys)
 
 
 @wp.func
@@ -157,9 +163,10 @@ def _best_around(
                     off = wp.length_sq(z * view - p)
                     own = xx == x and yy == y
                     if own or (off <= radius[i] * radius[i] and z <= select.max_depth):
-                        depth = z + _handicap(select, weight[i])
-                        nearer = depth < best_depth + SAME_SURFACE and off < best_off
-                        if best < 0 or depth < best_depth - SAME_SURFACE or nearer:
+                        depth = _rank_depth(select, z, weight[i])
+                        slack = _thickness(best_depth)
+                        nearer = depth < best_depth + slack and off < best_off
+                        if best < 0 or depth < best_depth - slack or nearer:
                             best = i
                             best_depth = depth
                             best_off = off
@@ -194,7 +201,7 @@ def _select(
             front, wp.min(wp.min(keys[0, below + left], keys[0, below + x]), keys[0, below + right])
         )
         seen = int(-1)
-        if own != EMPTY and key_value(own) <= key_value(front) + SAME_SURFACE:
+        if own != EMPTY and key_value(own) <= key_value(front) + _thickness(key_value(front)):
             seen = key_index(own)
         elif front != EMPTY:
             seen = _best_around(camera, T_world_camera, select, x, y, keys, position, normal, weight, radius)
@@ -218,7 +225,7 @@ def render_index(
 
     A pixel sees a surfel that projects into it or whose disc its ray hits; discs that face away are not
     drawn. Surfels updated in frames t_min .. t_max with weight >= min_weight and depth <= max_depth [m]
-    take part; those below stable_weight count as `penalty` [m] deeper.
+    take part; those below stable_weight fill holes, but hide no stable one within `penalty` [m].
     index: out, int32, shape (H, W) of the camera; -1 where no surfel is seen.
     """
     select = Visible()

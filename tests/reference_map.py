@@ -1,0 +1,235 @@
+"""Slow, readable NumPy twins of the surfel-map kernels. `s` is `SurfelMap.numpy()`, copied and in float64."""
+
+import numpy as np
+from reference import rays
+
+
+def arrays(surfels) -> dict[str, np.ndarray]:
+    """Copies of a map's arrays, floats in double precision."""
+    copies = {name: value.copy() for name, value in surfels.numpy().items()}
+    return {name: v.astype(np.float64) if v.dtype == np.float32 else v for name, v in copies.items()}
+
+
+def into_camera(T_world_camera, s) -> tuple[np.ndarray, np.ndarray]:
+    """Positions and normals of surfels in the camera frame."""
+    R, t = T_world_camera[:3, :3], T_world_camera[:3, 3]
+    return (s["position"] - t) @ R, s["normal"] @ R
+
+
+def project(camera, p) -> tuple[float, float]:
+    return camera.fx * p[0] / p[2] + camera.cx, camera.fy * p[1] / p[2] + camera.cy
+
+
+def pixel(camera, p):
+    """(y, x) of the pixel that a point projects to, None outside the image."""
+    if p[2] <= 0:
+        return None
+    x, y = (int(np.floor(v + 0.5)) for v in project(camera, p))
+    return (y, x) if 0 <= x < camera.width and 0 <= y < camera.height else None
+
+
+def neighbours(camera, y: int, x: int):
+    """The 3x3 neighbourhood of a pixel inside the image, row by row."""
+    for yy in range(max(y - 1, 0), min(y + 2, camera.height)):
+        for xx in range(max(x - 1, 0), min(x + 2, camera.width)):
+            yield yy, xx
+
+
+def _hit(p, n, view):
+    """Depth at which a ray meets a surfel's plane, and how far from its centre; None if it faces away."""
+    if n @ view >= 0:
+        return None
+    z = (n @ p) / (n @ view)
+    return z, np.linalg.norm(z * view - p)
+
+
+def render_index(s, camera, T, *, max_depth, min_weight=0.0, stable_weight=0.0, t_min=0, t_max=2**31 - 1,
+                 penalty=0.05):  # fmt: skip
+    """Index map, int, shape (H, W)."""
+    position, normal = into_camera(T, s)
+    view = rays(camera)
+
+    def thickness(z):
+        return 0.01 + 0.005 * z * z
+
+    def rank(i, z):
+        return z + penalty + thickness(z) if s["weight"][i] < stable_weight else z
+
+    candidate: dict[tuple[int, int], tuple[float, int]] = {}
+    for i, (p, n, r) in enumerate(zip(position, normal, s["radius"], strict=True)):
+        alive = s["weight"][i] > 0 and s["weight"][i] >= min_weight
+        if not alive or not t_min <= s["t_updated"][i] <= t_max:
+            continue
+        if not 2 * r < p[2] <= max_depth or n @ p >= 0:
+            continue
+        u, v = project(camera, p)
+        cos = -(n @ p) / np.linalg.norm(p)
+        asks = [(at, p[2]) for at in [pixel(camera, p)] if at]
+        if not asks or camera.fx * r * cos / p[2] >= 2.2:  # seen from near, or from outside: the whole disc
+            dx, dy = min(camera.fx * r / p[2], 3), min(camera.fy * r / p[2], 3)
+            box = [
+                (y, x)
+                for y in range(max(int(np.ceil(v - dy)), 0), min(int(v + dy), camera.height - 1) + 1)
+                for x in range(max(int(np.ceil(u - dx)), 0), min(int(u + dx), camera.width - 1) + 1)
+            ]
+            hits = [(at, _hit(p, n, view[at])) for at in box]
+            asks = [(at, h[0]) for at, h in hits if h and h[1] <= r and h[0] <= max_depth]
+        for at, depth in asks:
+            candidate[at] = min(candidate.get(at, (np.inf, -1)), (rank(i, depth), i))
+    index = np.full((camera.height, camera.width), -1)
+    for y, x in np.ndindex(index.shape):
+        around = [(at, candidate[at]) for at in neighbours(camera, y, x) if at in candidate]
+        if not around:
+            continue
+        front = min(depth for _, (depth, _) in around)
+        if (y, x) in candidate and candidate[y, x][0] <= front + thickness(front):
+            index[y, x] = candidate[y, x][1]
+            continue
+        best = (-1, 0.0, 0.0)
+        for at, (_, i) in around:
+            hit = _hit(position[i], normal[i], view[y, x])
+            if hit is None or (at != (y, x) and (hit[1] > s["radius"][i] or hit[0] > max_depth)):
+                continue
+            depth, off, slack = rank(i, hit[0]), hit[1], thickness(best[1])
+            nearer = depth < best[1] + slack and off < best[2]
+            if best[0] < 0 or depth < best[1] - slack or nearer:
+                best = (i, depth, off)
+        index[y, x] = best[0]
+    return index
+
+
+def predict_model(s, camera, T, index) -> dict[str, np.ndarray]:
+    """ModelMaps of an index map."""
+    position, normal = into_camera(T, s)
+    view, seen = rays(camera), index >= 0
+    i = index[seen]
+    maps = {name: np.zeros((*index.shape, 3)) for name in ("vertex", "normal", "colour")}
+    maps["time"], maps["label"] = np.full(index.shape, -1), np.zeros(index.shape, int)
+    depth = (normal[i] * position[i]).sum(1) / (normal[i] * view[seen]).sum(1)
+    maps["vertex"][seen] = depth[:, None] * view[seen]
+    maps["normal"][seen], maps["colour"][seen] = normal[i], s["colour"][i]
+    maps["time"][seen], maps["label"][seen] = s["t_updated"][i], s["label"][i]
+    return maps
+
+
+def associate(s, camera, T, frame, *, max_ray_distance=0.05, max_ray_distance_z2=0.0, max_angle=0.5, t_min=0):
+    """Match map, int, shape (H, W); `frame` holds NumPy maps by their FrameMaps name."""
+    position, normal = into_camera(T, s)
+    best: dict[tuple[int, int], tuple[float, int]] = {}
+    for i, (p, n) in enumerate(zip(position, normal, strict=True)):
+        at = pixel(camera, p)
+        if at is None or s["weight"][i] <= 0 or s["t_updated"][i] < t_min or frame["edge"][at]:
+            continue
+        v = frame["vertex"][at].astype(np.float64)
+        ray = rays(camera)[at] / np.linalg.norm(rays(camera)[at])
+        gate = max(max_ray_distance, max_ray_distance_z2 * v[2] ** 2)
+        if v[2] <= 0 or abs((p - v) @ ray) >= gate or frame["normal"][at] @ n <= np.cos(max_angle):
+            continue
+        best[at] = min(best.get(at, (np.inf, -1)), (np.linalg.norm(np.cross(p, ray)), i))
+    match = np.full((camera.height, camera.width), -1)
+    for at, (_, i) in best.items():
+        match[at] = i
+    return match
+
+
+def sample_weight(camera, y: int, x: int) -> float:
+    """exp(-gamma^2 / (2 0.6^2)), gamma = 1 at the image's corners."""
+    centre = np.array([camera.height - 1, camera.width - 1]) / 2
+    gamma = np.linalg.norm(np.array([y, x]) - centre) / np.linalg.norm(centre)
+    return float(np.exp(-(gamma**2) / (2 * 0.6**2)))
+
+
+def fuse_frame(s, camera, T, frame, match, *, time, max_weight=np.inf) -> dict[str, np.ndarray]:
+    """The surfels after fusing a frame; new ones at the end, in image order."""
+    R, t = T[:3, :3], T[:3, 3]
+    before, _ = into_camera(T, s)
+    s = {name: value.copy() for name, value in s.items()}
+    new = []
+    for at in np.ndindex(match.shape):
+        y, x = at
+        v, n = frame["vertex"][at].astype(np.float64), frame["normal"][at].astype(np.float64)
+        a, i = sample_weight(camera, y, x), match[at]
+        if i >= 0:
+            w = s["weight"][i]
+            if frame["radius"][at] < 1.5 * s["radius"][i]:
+                mean = {
+                    "position": R @ v + t,
+                    "normal": R @ n,
+                    "colour": frame["colour"][at],
+                    "radius": frame["radius"][at],
+                }
+                for name, value in mean.items():
+                    s[name][i] = (w * s[name][i] + a * value) / (w + a)
+                s["normal"][i] /= np.linalg.norm(s["normal"][i])
+            s["weight"][i], s["t_updated"][i] = min(w + a, max_weight), time
+        elif v[2] > 0 and not frame["edge"][at] and n.any():
+            around = [match[b] for b in neighbours(camera, y, x) if match[b] >= 0]
+            offs = [before[j] - v - n * (n @ (before[j] - v)) for j in around]
+            if not any(np.linalg.norm(off) < v[2] / camera.fx for off in offs):
+                row = {"position": R @ v + t, "normal": R @ n, "colour": frame["colour"][at], "weight": a}
+                row |= {"radius": frame["radius"][at], "t_created": time, "t_updated": time}
+                new.append(row | {"label": 0, "observations": 0.0, "evidence": np.zeros(13)})
+    if not new:
+        return s
+    return {name: np.concatenate([s[name], [row[name] for row in new]]) for name in s}
+
+
+def prune(s, camera, T, depth, edge, *, time, stable_weight=10.0, max_unseen=20, t_min=0, max_depth=1e9, margin=0.05,
+          margin_z2=0.0, decay=3.0) -> np.ndarray:  # fmt: skip
+    """Weights after clean-up."""
+    position, _ = into_camera(T, s)
+    weight = s["weight"].copy()
+    for i, p in enumerate(position):
+        stable = weight[i] >= stable_weight
+        if weight[i] <= 0:
+            continue
+        if not stable and time - s["t_updated"][i] > max_unseen:
+            weight[i] = 0
+            continue
+        at = pixel(camera, p)
+        if at is None or s["t_updated"][i] < t_min or edge[at] or not 0 < depth[at] <= max_depth:
+            continue
+        if depth[at] - p[2] > max(margin, margin_z2 * depth[at] ** 2):
+            weight[i] = max(weight[i] - decay, 0) if stable else 0
+    return weight
+
+
+def observation(camera, probabilities, y: int, x: int, rule: str, floor: float):
+    """Evidence that a pixel gives its surfel: bilinear in (log) probabilities; None where it says nothing."""
+    h, w = probabilities.shape[:2]
+    a = np.clip((x + 0.5) * w / camera.width - 0.5, 0, w - 1)
+    b = np.clip((y + 0.5) * h / camera.height - 0.5, 0, h - 1)
+    total, share = np.zeros(13), 0.0
+    for yy in range(h):
+        for xx in range(w):
+            weight = max(1 - abs(a - xx), 0) * max(1 - abs(b - yy), 0)
+            p = probabilities[yy, xx].astype(np.float64)
+            if weight == 0 or not p[0] <= 0.999 or not p[1:].sum() > 1e-6:
+                continue
+            q = p[1:] / p[1:].sum()
+            total += weight * (q if rule == "mean" else np.log(np.maximum(q, floor)))
+            share += weight
+    return total / share if share >= 0.5 else None
+
+
+def update_labels(
+    s, camera, T, depth, edge, probabilities, *, rule="bayes", floor=1e-3, max_distance=0.05, t_min=0
+):
+    """The surfels after label fusion; evidence of bayes and geometric with its row maximum at 0."""
+    position, _ = into_camera(T, s)
+    s = {name: value.copy() for name, value in s.items()}
+    for i, p in enumerate(position):
+        at = pixel(camera, p)
+        if at is None or s["weight"][i] <= 0 or s["t_updated"][i] < t_min or edge[at] or depth[at] <= 0:
+            continue
+        if abs(p[2] - depth[at]) >= max_distance:
+            continue
+        seen = observation(camera, probabilities, *at, rule, floor)
+        if seen is None:
+            continue
+        s["evidence"][i] += seen
+        if rule != "mean":
+            s["evidence"][i] -= s["evidence"][i].max()
+        s["observations"][i] += 1
+        s["label"][i] = s["evidence"][i].argmax() + 1
+    return s
