@@ -53,7 +53,7 @@ def relative_pose_error(
     """Relative pose error over a fixed time (Sturm et al., IROS 2012).
 
     Every frame is compared with the one whose stamp is nearest to `interval` later, if there is one within
-    a tenth of the interval.
+    half a frame's time (the median one).
 
     Args:
         times: sorted stamps [s], shape (N,).
@@ -67,7 +67,7 @@ def relative_pose_error(
         return None
     after = np.clip(np.searchsorted(times, times + interval), 1, len(times) - 1)
     later = np.where(times[after] - times - interval > times + interval - times[after - 1], after - 1, after)
-    first = np.flatnonzero(np.abs(times[later] - times - interval) <= interval / 10)
+    first = np.flatnonzero(np.abs(times[later] - times - interval) <= 0.501 * np.median(np.diff(times)))
     if len(first) == 0:
         return None
     second = later[first]
