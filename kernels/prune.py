@@ -137,15 +137,15 @@ def compact(surfels: SurfelMap) -> int:
     Surfel indices held elsewhere (index maps, matches) are void afterwards.
     """
     m = surfels
-    alive = np.flatnonzero(m.weight.numpy()[: m.count] > 0.0).astype(np.int32)
-    removed = m.count - len(alive)
+    dead = m.weight.numpy()[: m.count] <= 0.0
+    removed = int(np.count_nonzero(dead))
     if removed == 0:
         return 0
-    first = int(np.argmax(alive != np.arange(len(alive)))) if alive[-1:] >= len(alive) else len(alive)
-    moved = wp.array(alive[first:], dtype=wp.int32, device=m.device)
+    first = int(np.argmax(dead))  # all before the first dead one stay where they are
+    moved = wp.array(np.flatnonzero(~dead[first:]) + first, dtype=wp.int32, device=m.device)
+    m.count -= removed
     for name in ARRAYS:
         array = getattr(m, name)
         if len(moved):
-            wp.copy(array[first : len(alive)], array[moved].contiguous())
-    m.count = len(alive)
+            wp.copy(array[first : m.count], array[moved].contiguous())
     return removed

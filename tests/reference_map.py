@@ -200,8 +200,8 @@ def observation(camera, probabilities, y: int, x: int, rule: str, floor: float):
     a = np.clip((x + 0.5) * w / camera.width - 0.5, 0, w - 1)
     b = np.clip((y + 0.5) * h / camera.height - 0.5, 0, h - 1)
     total, share = np.zeros(13), 0.0
-    for yy in range(h):
-        for xx in range(w):
+    for yy in range(int(b), min(int(b) + 2, h)):
+        for xx in range(int(a), min(int(a) + 2, w)):
             weight = max(1 - abs(a - xx), 0) * max(1 - abs(b - yy), 0)
             p = probabilities[yy, xx].astype(np.float64)
             if weight == 0 or not p[0] <= 0.999 or not p[1:].sum() > 1e-6:

@@ -1,0 +1,210 @@
+"""Association, fusion and clean-up: against their NumPy twins, and over a moving camera."""
+
+import numpy as np
+import pytest
+import random_scene
+import reference_map
+import warp as wp
+
+from dsmap.kernels import launch
+from dsmap.kernels.associate import associate
+from dsmap.kernels.fuse import fuse_frame
+from dsmap.kernels.index_map import render_index
+from dsmap.kernels.label import update_labels
+from dsmap.kernels.prune import compact, count_dead, prune
+from dsmap.kernels.types import SurfelMap
+
+CAMERA, TIME = random_scene.CAMERA, random_scene.TIME
+SHAPE = (CAMERA.height, CAMERA.width)
+
+
+def new_match() -> wp.array:
+    return wp.full(SHAPE, -7, dtype=wp.int32, device="cpu")
+
+
+def scene(seed: int):
+    """Pose, surfels, frame in NumPy, frame in Warp."""
+    T, frame = random_scene.pose(seed), random_scene.frame_arrays(seed)
+    return T, random_scene.surfel_map(T, seed=seed), frame, random_scene.frame_maps(frame)
+
+
+def matched(surfels, T, maps, **options) -> wp.array:
+    match = new_match()
+    associate(surfels, CAMERA, T, maps.vertex, maps.normal, maps.edge, match=match, **options)
+    return match
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("options", [{}, {"max_ray_distance": 0.02, "max_angle": 0.3, "t_min": 20}])
+def test_association_equals_its_twin(seed, options):
+    T, surfels, frame, maps = scene(seed)
+    match = matched(surfels, T, maps, **options).numpy()
+    expected = reference_map.associate(reference_map.arrays(surfels), CAMERA, T, frame, **options)
+    assert (expected >= 0).sum() > 200
+    assert (match != expected).sum() <= 2
+    chosen = match[match >= 0]
+    assert len(np.unique(chosen)) == len(chosen), "a surfel serves two pixels"
+
+
+def test_the_depth_gate_widens_with_depth_squared():
+    T, surfels, frame, maps = scene(1)
+    narrow = matched(surfels, T, maps, max_ray_distance=0.005).numpy()
+    wide = matched(surfels, T, maps, max_ray_distance=0.005, max_ray_distance_z2=0.02).numpy()
+    s = reference_map.arrays(surfels)
+    expected = reference_map.associate(s, CAMERA, T, frame, max_ray_distance=0.005, max_ray_distance_z2=0.02)
+    assert (wide >= 0).sum() > 1.5 * (narrow >= 0).sum()
+    assert (wide != expected).sum() <= 2
+
+
+@pytest.mark.parametrize(("seed", "max_weight"), [(0, np.inf), (1, 12.0)])
+def test_fusion_equals_its_twin(seed, max_weight):
+    T, surfels, frame, maps = scene(seed)
+    before = reference_map.arrays(surfels)
+    match = matched(surfels, T, maps)
+    inserted = fuse_frame(surfels, CAMERA, T, maps, match, time=TIME, max_weight=max_weight)
+    expected = reference_map.fuse_frame(
+        before, CAMERA, T, frame, match.numpy(), time=TIME, max_weight=max_weight
+    )
+    assert surfels.count == len(expected["weight"]) == len(before["weight"]) + inserted
+    assert 300 < inserted < 0.9 * np.prod(SHAPE)
+    for name, value in surfels.numpy().items():
+        np.testing.assert_allclose(value, expected[name], atol=3e-6, rtol=1e-5, err_msg=name)
+
+
+def test_a_coarse_sample_confirms_but_does_not_move_a_surfel():
+    T, surfels, frame, _ = scene(2)
+    maps = random_scene.frame_maps(frame | {"radius": np.full(SHAPE, 1.0, np.float32)})
+    before = reference_map.arrays(surfels)
+    match = matched(surfels, T, maps)
+    fuse_frame(surfels, CAMERA, T, maps, match, time=TIME)
+    after, i = surfels.numpy(), match.numpy()[match.numpy() >= 0]
+    np.testing.assert_allclose(after["position"][i], before["position"][i], atol=1e-6)
+    assert (after["weight"][i] > before["weight"][i]).all() and (after["t_updated"][i] == TIME).all()
+
+
+def flat_frame(rng, noise: float = 0.0, x_offset: float = 0.0):
+    """A wall at z = 1.5 m seen without rotation from (x_offset, 0, 0)."""
+    depth = (1.5 + rng.normal(0, noise, SHAPE)).astype(np.float32)
+    view = reference_map.rays(CAMERA).astype(np.float32)
+    maps = {
+        "depth": depth,
+        "vertex": view * depth[..., None],
+        "normal": np.tile(np.float32([0, 0, -1]), (*SHAPE, 1)),
+        "intensity": np.zeros(SHAPE, np.float32),
+        "radius": (np.sqrt(2) * depth / CAMERA.fx).astype(np.float32),
+        "colour": np.full((*SHAPE, 3), 0.5, np.float32),
+        "edge": np.zeros(SHAPE, np.uint8),
+    }
+    T = np.eye(4)
+    T[0, 3] = x_offset
+    return T, random_scene.frame_maps(maps)
+
+
+def test_repeated_noisy_frames_average_out_and_add_no_copies():
+    rng = np.random.default_rng(0)
+    surfels = SurfelMap.empty("cpu", capacity=16)
+    for time in range(25):
+        T, maps = flat_frame(rng, noise=0.005)
+        fuse_frame(surfels, CAMERA, T, maps, matched(surfels, T, maps), time=time)
+    s = surfels.numpy()
+    assert surfels.count == np.prod(SHAPE), "one surfel a pixel"
+    assert abs(s["position"][:, 2].std() - 0.005 / 5) < 1e-4, "25 samples shrink the noise five times"
+    weights = [reference_map.sample_weight(CAMERA, *at) for at in np.ndindex(SHAPE)]
+    np.testing.assert_allclose(s["weight"], 25 * np.array(weights), rtol=1e-4)
+
+
+def test_a_moving_camera_keeps_about_one_surfel_a_pixel():
+    rng, surfels = np.random.default_rng(1), SurfelMap.empty("cpu")
+    steps = 30
+    for time in range(steps):  # 0.37 pixels a frame
+        T, maps = flat_frame(rng, x_offset=time * 0.37 * 1.5 / CAMERA.fx)
+        fuse_frame(surfels, CAMERA, T, maps, matched(surfels, T, maps), time=time)
+    area = CAMERA.height * (CAMERA.width + 0.37 * (steps - 1))
+    assert 0.95 * area < surfels.count < 1.3 * area
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(
+    "options", [{}, {"t_min": 25, "max_unseen": 100, "margin_z2": 0.05, "max_depth": 1.55}]
+)
+def test_clean_up_equals_its_twin(seed, options):
+    T, surfels, frame, maps = scene(seed)
+    expected = reference_map.prune(
+        reference_map.arrays(surfels), CAMERA, T, frame["depth"], frame["edge"], time=TIME, **options
+    )
+    alive_before = surfels.count - count_dead(surfels)
+    dead = prune(surfels, CAMERA, T, maps.depth, maps.edge, time=TIME, **options)
+    weight = surfels.weight.numpy()[: surfels.count]
+    np.testing.assert_allclose(weight, expected, rtol=1e-6)
+    assert dead == count_dead(surfels) == (expected == 0).sum()
+    assert surfels.count - dead < alive_before
+
+
+def test_one_bad_depth_image_does_not_erase_a_stable_map_but_an_opened_door_does():
+    rng, surfels = np.random.default_rng(2), SurfelMap.empty("cpu")
+    for time in range(40):
+        T, maps = flat_frame(rng)
+        fuse_frame(surfels, CAMERA, T, maps, matched(surfels, T, maps), time=time)
+    surfels.weight.numpy()[: surfels.count] += 10  # all are stable
+    far = wp.full(SHAPE, 3.0, dtype=wp.float32, device="cpu")
+    assert prune(surfels, CAMERA, T, far, maps.edge, time=40) == 0
+    for time in range(41, 61):
+        dead = prune(surfels, CAMERA, T, far, maps.edge, time=time)
+    assert dead == surfels.count
+
+
+def test_compaction_keeps_the_living_in_order():
+    T, surfels, _, _ = scene(3)
+    before = reference_map.arrays(surfels)
+    alive = before["weight"] > 0
+    assert compact(surfels) == count_of(~alive) and compact(surfels) == 0
+    assert surfels.count == count_of(alive) and count_dead(surfels) == 0
+    for name, value in surfels.numpy().items():
+        np.testing.assert_array_equal(value, before[name][alive], err_msg=name)
+    surfels.weight.zero_()
+    compact(surfels)
+    assert surfels.count == 0 and compact(surfels) == 0
+
+
+def count_of(mask: np.ndarray) -> int:
+    return int(np.count_nonzero(mask))
+
+
+def test_insertion_grows_the_map_and_keeps_what_was_there():
+    T, _, frame, maps = scene(0)
+    surfels = random_scene.surfel_map(T, count=500, capacity=500)
+    before = reference_map.arrays(surfels)
+    nowhere = wp.full(SHAPE, -1, dtype=wp.int32, device="cpu")
+    inserted = fuse_frame(surfels, CAMERA, T, maps, nowhere, time=TIME)
+    usable = (frame["depth"] > 0) & (frame["edge"] == 0) & frame["normal"].any(-1)
+    assert inserted == count_of(usable) and surfels.count == 500 + inserted <= surfels.capacity
+    for name, value in surfels.numpy().items():
+        np.testing.assert_allclose(value[:500], before[name], rtol=1e-6, err_msg=name)
+    R, t = T[:3, :3], T[:3, 3]
+    positions = frame["vertex"][usable] @ R.T + t
+    np.testing.assert_allclose(surfels.numpy()["position"][500:], positions, atol=1e-5)
+    assert not surfels.numpy()["evidence"][500:].any() and not surfels.numpy()["label"][500:].any()
+
+
+def test_the_number_of_threads_changes_nothing(monkeypatch):
+    """Five frames through every kernel, on one thread and in three slices: bit for bit the same map."""
+    monkeypatch.setattr(launch, "_SMALL", 0)
+    monkeypatch.setattr(launch, "CPU_BLOCK", 64)
+    probabilities = np.random.default_rng(0).dirichlet(np.ones(14), (24, 32)).astype(np.float32)
+    results = []
+    for threads in ("1", "3"):
+        monkeypatch.setenv("DSMAP_THREADS", threads)
+        surfels, match, index = SurfelMap.empty("cpu", capacity=100), new_match(), new_match()
+        for time in range(5):
+            T, frame = random_scene.pose(0), random_scene.frame_arrays(time)
+            T[:3, 3] += 0.01 * time
+            maps = random_scene.frame_maps(frame)
+            associate(surfels, CAMERA, T, maps.vertex, maps.normal, maps.edge, match=match)
+            fuse_frame(surfels, CAMERA, T, maps, match, time=time)
+            prune(surfels, CAMERA, T, maps.depth, maps.edge, time=time)
+            compact(surfels)
+            update_labels(surfels, CAMERA, T, maps.depth, maps.edge, probabilities)
+            render_index(surfels, CAMERA, T, max_depth=3.0, index=index)
+        results.append([match.numpy().copy(), index.numpy().copy(), *reference_map.arrays(surfels).values()])
+    for one, three in zip(*results, strict=True):
+        np.testing.assert_array_equal(one, three)
