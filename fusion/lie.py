@@ -32,14 +32,6 @@ def exp_se3(xi: np.ndarray) -> np.ndarray:
     return T
 
 
-def orthonormal(T: np.ndarray) -> np.ndarray:
-    """The rigid transform nearest to T: removes the drift of many multiplications."""
-    U, _, Vt = np.linalg.svd(T[:3, :3])
-    out = T.copy()
-    out[:3, :3] = U @ np.diag([1, 1, np.linalg.det(U @ Vt)]) @ Vt
-    return out
-
-
 def inverse(T: np.ndarray) -> np.ndarray:
     """Inverse of a rigid transform, shape (4, 4)."""
     out = np.eye(4)

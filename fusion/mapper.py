@@ -11,9 +11,8 @@ import numpy as np
 import warp as wp
 
 from dsmap.errors import InputError
-from dsmap.frame import Frame, Intrinsics
+from dsmap.frame import Frame, Intrinsics, orthonormal
 from dsmap.fusion.config import MapConfig
-from dsmap.fusion.lie import orthonormal
 from dsmap.fusion.segmenter import Segmenter
 from dsmap.fusion.semantics import Schedule
 from dsmap.fusion.tracker import Health, ModelView, Tracker
@@ -155,7 +154,7 @@ class Mapper:
             if image.shape[:2] != expected:
                 found = f"{image.shape[1]}x{image.shape[0]}"
                 raise InputError(
-                    f"frame {frame.index}: {name} is {found}; expected {expected[1]}x{expected[0]} as the intrinsics say"
+                    f"frame {frame.index}: {name} is {found}; expected {expected[1]}x{expected[0]}, the camera's size"
                 )
         return clean_depth(frame.depth, self.config.depth_min, self.config.depth_max)
 

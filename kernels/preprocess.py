@@ -104,8 +104,10 @@ def _vertex(s: Slice, camera: Camera, depth: wp.array2d(dtype=float), vertex: wp
 
 @wp.kernel(enable_backward=False)
 def _half_surface(
-    s: Slice, vertex: wp.array2d(dtype=wp.vec3), normal: wp.array2d(dtype=wp.vec3), intensity: wp.array2d(dtype=float),
-    vertex_out: wp.array2d(dtype=wp.vec3), normal_out: wp.array2d(dtype=wp.vec3), intensity_out: wp.array2d(dtype=float),
+    s: Slice,
+    vertex: wp.array2d(dtype=wp.vec3), normal: wp.array2d(dtype=wp.vec3), intensity: wp.array2d(dtype=float),
+    vertex_out: wp.array2d(dtype=wp.vec3), normal_out: wp.array2d(dtype=wp.vec3),
+    intensity_out: wp.array2d(dtype=float),
 ):  # fmt: skip
     row, lane = wp.tid()
     y = s.first + row

@@ -10,7 +10,6 @@ import numpy as np
 import warp as wp
 
 import dsmap.kernels.runtime  # noqa: F401  (Warp's settings come before its first use)
-
 from dsmap.classes import NUM_CLASSES
 
 NUM_EVIDENCE = NUM_CLASSES - 1

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import reference
 import warp as wp
+
 from dsmap.frame import Intrinsics
 from dsmap.fusion.config import TrackConfig
 from dsmap.fusion.lie import exp_se3, exp_so3, inverse, rotation_angle

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import reference
 import warp as wp
+
 from dsmap.frame import Intrinsics
 from dsmap.kernels import filters, odometry, preprocess
 from dsmap.kernels.camera import make_camera

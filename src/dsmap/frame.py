@@ -42,6 +42,14 @@ class Intrinsics:
         )
 
 
+def orthonormal(T: np.ndarray) -> np.ndarray:
+    """The rigid transform nearest to T, shape (4, 4): undoes rounded files and the drift of many multiplications."""
+    U, _, Vt = np.linalg.svd(T[:3, :3])
+    out = T.copy()
+    out[:3, :3] = U @ np.diag([1, 1, np.linalg.det(U @ Vt)]) @ Vt
+    return out
+
+
 @dataclass
 class Frame:
     """One colour image with the depth image registered to it, and whatever ground truth there is."""

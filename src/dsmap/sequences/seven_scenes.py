@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from dsmap.errors import InputError
+from dsmap.frame import orthonormal
 from dsmap.sequences.base import Entry, Recording
 
 FRAME_RATE = 30.0
@@ -57,4 +58,4 @@ def _pose(path: Path) -> np.ndarray | None:
         T = np.loadtxt(path, dtype=np.float64)
     except (OSError, ValueError):
         return None
-    return T if T.shape == (4, 4) and is_rigid(T) else None
+    return orthonormal(T) if T.shape == (4, 4) and is_rigid(T) else None
