@@ -1,0 +1,86 @@
+"""A scene as a MuJoCo model: one mesh geom a part, one camera, a fixed number of lights."""
+
+import mujoco
+import numpy as np
+
+from dsmap.frame import Intrinsics
+from dsmap.sim_scenes.scene import Scene
+from dsmap.sim_scenes.shapes import Shape
+
+MAX_LIGHTS = 6
+"""Every model has this many lights (the unused ones unlit): the ray tracer is compiled for their number."""
+NEAR, FAR = 0.02, 50.0
+"""Clipping distances [m]."""
+
+
+def build_spec(scene: Scene, camera: Intrinsics) -> mujoco.MjSpec:
+    """The scene as an editable MuJoCo specification; geom number i is `scene.parts[i]`."""
+    spec = mujoco.MjSpec()
+    spec.modelname = f"{scene.name}_{scene.seed}"
+    spec.stat.extent, spec.visual.map.znear, spec.visual.map.zfar = 1.0, NEAR, FAR
+    spec.visual.map.shadowclip, spec.visual.map.shadowscale = 6.0, 0.9
+    spec.visual.quality.shadowsize = 4096
+    spec.visual.global_.offwidth, spec.visual.global_.offheight = camera.width, camera.height
+    headlight = spec.visual.headlight
+    # The headlight's colours are compiled into the ray tracer: it stays dark, the first light brings the ambient.
+    headlight.active, headlight.ambient = 0, np.zeros(3)
+    headlight.diffuse, headlight.specular = np.zeros(3), np.zeros(3)
+    _add_materials(spec, scene)
+    for i, part in enumerate(scene.parts):
+        _add_mesh(spec, f"part{i}", part.shape, scene.materials[part.material].tile)
+        spec.worldbody.add_geom(
+            name=f"part{i}", type=mujoco.mjtGeom.mjGEOM_MESH, meshname=f"part{i}", material=part.material,
+            contype=0, conaffinity=0, rgba=(0.5, 0.5, 0.5, 1.0),
+        )  # fmt: skip
+    _add_lights(spec, scene)
+    fovy = 2 * np.degrees(np.arctan(camera.height / (2 * camera.fy)))
+    spec.worldbody.add_camera(name="camera", fovy=fovy, resolution=(camera.width, camera.height))
+    return spec
+
+
+def _add_materials(spec: mujoco.MjSpec, scene: Scene) -> None:
+    for name in sorted({part.material for part in scene.parts}):
+        look = scene.materials[name]
+        height, width = look.texture.shape[:2]
+        texture = spec.add_texture(
+            name=name, type=mujoco.mjtTexture.mjTEXTURE_2D, width=width, height=height, nchannel=3
+        )
+        texture.data = np.ascontiguousarray(look.texture).tobytes()
+        material = spec.add_material(
+            name=name,
+            specular=look.specular,
+            shininess=look.shininess,
+            emission=look.emission,
+            rgba=(1, 1, 1, 1),
+        )
+        material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = name
+
+
+def _add_mesh(spec: mujoco.MjSpec, name: str, shape: Shape, tile: float) -> None:
+    spec.add_mesh(
+        name=name,
+        uservert=shape.vertices.astype(np.float32).ravel(),
+        userface=shape.faces.astype(np.int32).ravel(),
+        usertexcoord=(shape.uv / tile).astype(np.float32).ravel(),
+        inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,
+    )
+
+
+def _add_lights(spec: mujoco.MjSpec, scene: Scene) -> None:
+    dark = np.zeros(3)
+    for k in range(MAX_LIGHTS):
+        light = scene.lights[k] if k < len(scene.lights) else None
+        directional = light is not None and light.direction is not None
+        spec.worldbody.add_light(
+            name=f"light{k}",
+            type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
+            if directional
+            else mujoco.mjtLightType.mjLIGHT_POINT,
+            pos=dark if light is None else light.position,
+            dir=light.direction if light is not None and light.direction is not None else (0, 0, -1),
+            diffuse=dark if light is None else light.diffuse,
+            specular=dark if light is None else light.specular,
+            ambient=scene.ambient if k == 0 else dark,
+            active=light is not None or k == 0,
+            castshadow=light is not None and light.shadow,
+        )

@@ -1,0 +1,119 @@
+"""Rendering a scene: colour, planar depth, class and instance of every pixel in one pass.
+
+`open_renderer` gives a `Renderer`; the default one is mujoco-warp's ray tracer, which needs neither
+OpenGL nor a screen. OpenGL renderers are in `render_gl`.
+"""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from dsmap.errors import InputError
+from dsmap.frame import Intrinsics
+from dsmap.sim_scenes.scene import Scene
+
+RENDERERS = ("warp", "mujoco", "pyrender")
+
+
+@dataclass(frozen=True)
+class Image:
+    """What a camera sees: arrays of shape (H, W)."""
+
+    rgb: np.ndarray
+    """uint8 (H, W, 3)."""
+    depth: np.ndarray
+    """Planar depth through pixel centres [m], float32; 0 where nothing was hit."""
+    part: np.ndarray
+    """Index into `scene.parts`, int32; -1 where nothing was hit."""
+
+
+class Renderer(Protocol):
+    """One scene seen through one camera."""
+
+    def __call__(self, T_world_camera: np.ndarray) -> Image:
+        """Render from a pose, shape (4, 4); camera axes x right, y down, z forward."""
+        ...
+
+    def close(self) -> None:
+        """Free what the renderer holds."""
+        ...
+
+
+def default_camera(width: int, height: int) -> Intrinsics:
+    """A Kinect-like pinhole camera: f = 525 px at a width of 640, principal point in the image centre.
+
+    Renderers put pixel centres at .5; in the integer convention the centre of the image is (W-1)/2.
+    """
+    focal = 525.0 * width / 640.0
+    return Intrinsics(width, height, focal, focal, (width - 1) / 2, (height - 1) / 2)
+
+
+def open_renderer(name: str, scene: Scene, camera: Intrinsics) -> Renderer:
+    """A renderer by name (`RENDERERS`).
+
+    Raises:
+        InputError: unknown name, or its system library is missing (says which package brings it).
+    """
+    if name == "warp":
+        return WarpRenderer(scene, camera)
+    if name in RENDERERS:
+        from dsmap.sim_scenes import render_gl
+
+        return render_gl.open_renderer(name, scene, camera)
+    raise InputError(f"unknown renderer {name!r}; expected one of: {', '.join(RENDERERS)}")
+
+
+def part_tables(scene: Scene) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Class (uint8), instance (uint16) and glass (bool) of each part, each (parts + 1,): the last is nothing."""
+    label = np.array([p.label for p in scene.parts] + [0], np.uint8)
+    instance = np.array([p.instance for p in scene.parts] + [0], np.uint16)
+    glass = np.array([scene.materials[p.material].glass for p in scene.parts] + [False])
+    return label, instance, glass
+
+
+class WarpRenderer:
+    """mujoco-warp's ray tracer on the CPU. Its kernel depends on the number of lights only, not on the scene."""
+
+    def __init__(self, scene: Scene, camera: Intrinsics) -> None:
+        import warp as wp
+
+        wp.config.quiet = True
+        import mujoco
+        import mujoco_warp
+
+        from dsmap.sim_scenes.mjcf import build_spec
+
+        self._wp, self._mjw = wp, mujoco_warp
+        self._shape = (camera.height, camera.width)
+        model = build_spec(scene, camera).compile()
+        data = mujoco.MjData(model)
+        mujoco.mj_forward(model, data)
+        with wp.ScopedDevice("cpu"):
+            self._model = mujoco_warp.put_model(model)
+            self._data = mujoco_warp.put_data(model, data)
+            self._context = mujoco_warp.create_render_context(
+                model, cam_res=(camera.width, camera.height), render_rgb=True, render_depth=True, render_seg=True,
+                use_shadows=True, use_fast_math=False, deterministic=True, shadow_light_fraction=0.12,
+            )  # fmt: skip
+            mujoco_warp.refit_bvh(self._model, self._data, self._context)
+
+    def __call__(self, T_world_camera: np.ndarray) -> Image:
+        """Render from a pose, shape (4, 4)."""
+        wp, context = self._wp, self._context
+        with wp.ScopedDevice("cpu"):
+            # MuJoCo's camera looks along -z with y up.
+            self._data.cam_xmat.assign(
+                (T_world_camera[:3, :3] @ np.diag([1.0, -1.0, -1.0]))[None, None].astype(np.float32)
+            )
+            self._data.cam_xpos.assign(T_world_camera[None, None, :3, 3].astype(np.float32))
+            self._mjw.render(self._model, self._data, context)
+            packed = context.rgb_data.numpy()[0].reshape(self._shape)
+            depth = context.depth_data.numpy()[0].reshape(self._shape).copy()
+            hit = context.seg_data.numpy()[0].reshape(*self._shape, 2)
+        rgb = np.stack([(packed >> shift) & 0xFF for shift in (16, 8, 0)], -1).astype(np.uint8)
+        return Image(rgb, depth, np.ascontiguousarray(hit[..., 0], dtype=np.int32))
+
+    def close(self) -> None:
+        """Free the model and its images."""
+        self._model = self._data = self._context = None

@@ -1,0 +1,113 @@
+"""What a synthetic room is, whatever renders it: labelled meshes, materials, lights, things to look at."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from dsmap.classes import CLASS_NAMES
+from dsmap.sim_scenes.shapes import Shape, merged
+
+
+@dataclass(frozen=True)
+class Material:
+    """How a surface looks."""
+
+    texture: np.ndarray
+    """uint8 (rows, columns, 3); row 0 is v = 0."""
+    tile: float
+    """Metres that the texture spans along u and v; 1 where the shape's uv already run from 0 to 1."""
+    specular: float = 0.1
+    shininess: float = 0.3
+    emission: float = 0.0
+    glass: bool = False
+    """A depth sensor sees nothing here (window panes, screens)."""
+
+
+@dataclass(frozen=True)
+class Light:
+    """A point light, or a directional fill light where `direction` is given. Colours are 0..1."""
+
+    position: np.ndarray
+    diffuse: np.ndarray
+    specular: np.ndarray
+    direction: np.ndarray | None = None
+    shadow: bool = True
+
+
+@dataclass(frozen=True)
+class Part:
+    """One mesh in world coordinates, of one material, class and instance."""
+
+    shape: Shape
+    material: str
+    label: int
+    instance: int
+
+
+@dataclass
+class Assembly:
+    """A piece of furniture in its own frame: floor centre at the origin, front towards -y, z up."""
+
+    label: str
+    """Class of the parts that say nothing else."""
+    parts: list[tuple[Shape, str, str, int]] = field(default_factory=list)
+    """(shape, material, class, item): item 0 is the piece itself, others are things standing on it."""
+    surfaces: list[tuple[float, float, float, float, float]] = field(default_factory=list)
+    """Where things may stand: x0, y0, x1, y1, z [m]."""
+    items: int = 1
+
+    def add(self, shape: Shape, material: str, label: str | None = None) -> None:
+        """Add a part of the piece itself."""
+        self.parts.append((shape, material, label or self.label, 0))
+
+    def attach(self, other: "Assembly", xyz: Sequence[float], yaw: float = 0.0) -> None:
+        """Stand another assembly (with all that is on it) on this one, as instances of its own."""
+        for shape, material, label, item in other.parts:
+            self.parts.append((shape.moved(xyz, yaw), material, label, self.items + item))
+        self.items += other.items
+
+    def bounds(self) -> np.ndarray:
+        """Lowest and highest corner in its own frame [m], shape (2, 3)."""
+        corners = np.array([shape.bounds() for shape, *_ in self.parts])
+        return np.array([corners[:, 0].min(0), corners[:, 1].max(0)])
+
+    def size(self) -> np.ndarray:
+        """Width (x), depth (y), height (z) [m], of the box about the origin that holds it."""
+        low, high = self.bounds()
+        return np.array([*(2 * np.maximum(np.abs(low[:2]), np.abs(high[:2]))), high[2]])
+
+
+@dataclass
+class Scene:
+    """A room ready to be rendered. Metres; z is up, the floor at 0, the room's centre at x = y = 0."""
+
+    name: str
+    seed: int
+    size: np.ndarray
+    """Inner width (x), depth (y), height (z) of the room."""
+    materials: dict[str, Material]
+    parts: list[Part] = field(default_factory=list)
+    lights: list[Light] = field(default_factory=list)
+    ambient: np.ndarray = field(default_factory=lambda: np.full(3, 0.3))
+    targets: list[np.ndarray] = field(default_factory=list)
+    """Points worth looking at; the first is the room's main piece."""
+    instances: int = 0
+
+    def place(self, assembly: Assembly, xyz: Sequence[float], yaw: float = 0.0) -> None:
+        """Put an assembly into the room; its items become instances, its parts merge by material and class."""
+        groups: dict[tuple[int, str, str], list[Shape]] = {}
+        for shape, material, label, item in assembly.parts:
+            groups.setdefault((item, material, label), []).append(shape.moved(xyz, yaw))
+        for (item, material, label), shapes in groups.items():
+            instance = self.instances + 1 + item
+            self.parts.append(Part(merged(shapes), material, CLASS_NAMES.index(label), instance))
+        self.instances += assembly.items
+
+    def surface(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """All meshes as one: vertices (N, 3), faces (F, 3), class of each face (F,), instance of each face (F,)."""
+        whole = merged([p.shape for p in self.parts])
+        counts = [len(p.shape.faces) for p in self.parts]
+        labels = np.repeat(np.array([p.label for p in self.parts], np.uint8), counts)
+        instances = np.repeat(np.array([p.instance for p in self.parts], np.uint16), counts)
+        return whole.vertices, whole.faces, labels, instances

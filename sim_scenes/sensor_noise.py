@@ -1,0 +1,119 @@
+"""Depth sensor noise: what a Kinect v1 would have measured in place of the true depth."""
+
+import cv2
+import numpy as np
+
+from dsmap.frame import Intrinsics
+
+NOISES = ("none", "kinect")
+BASELINE_M, FOCAL_PX = 0.075, 580.0
+"""Kinect v1 projector baseline and infrared focal length at 640 pixels."""
+DISPARITY_STEP = 0.125
+"""The sensor's disparity resolution [px]."""
+RANGE_M = (0.4, 5.0)
+"""Nothing is measured outside."""
+GRAZING_DEG = 80.0
+"""Surfaces seen at a larger angle from their normal return nothing."""
+
+
+def axial_sigma(depth: np.ndarray, cosine: np.ndarray) -> np.ndarray:
+    """Standard deviation along the ray [m]; Nguyen, Izadi & Lovell 2012, Eq. 3 with its grazing-angle term.
+
+    sigma_z = 0.0012 + 0.0019 (z - 0.4)^2 + 0.0001 / sqrt(z) * theta^2 / (pi/2 - theta)^2.
+    """
+    theta = np.arccos(np.clip(cosine, 0.0, 1.0))
+    grazing = np.square(theta / np.maximum(np.pi / 2 - theta, 0.1))
+    return 0.0012 + 0.0019 * np.square(depth - 0.4) + 0.0001 / np.sqrt(np.maximum(depth, 0.1)) * grazing
+
+
+def kinect_depth(
+    depth: np.ndarray, camera: Intrinsics, glass: np.ndarray, *, seed: int, frame: int
+) -> np.ndarray:
+    """Degrade true depth like a Kinect v1.
+
+    In order: edges jitter sideways by about half a pixel; disparity gets spatially correlated noise of
+    Nguyen's standard deviation and is quantised to 1/8 px; depth is lost at grazing angles, beside depth
+    edges (the projector's shadow on their left side is wider), on glass, and out of range.
+
+    Args:
+        depth: true planar depth [m], (H, W); 0 where nothing is.
+        glass: bool (H, W), surfaces the sensor cannot see.
+        seed, frame: the noise depends on these only.
+
+    Returns:
+        float32 (H, W) [m], 0 where nothing was measured.
+    """
+    rng = np.random.default_rng([seed, frame, 4711])
+    height, width = depth.shape
+    scale = width / 640.0
+    shifted = _lateral_jitter(depth, rng, 0.5 * max(scale, 0.5))
+    cosine = _incidence(shifted, camera)
+    focal = FOCAL_PX * scale
+    valid = (shifted > RANGE_M[0]) & (shifted < RANGE_M[1]) & ~glass
+    z = np.where(shifted > 0, shifted, 1.0).astype(np.float32)
+    disparity = BASELINE_M * focal / z
+    # A depth error dz is a disparity error b f dz / z^2 (first order).
+    sigma = axial_sigma(z, cosine) * BASELINE_M * focal / np.square(z)
+    disparity = disparity + sigma.astype(np.float32) * _correlated(rng, height, width, scale)
+    step = DISPARITY_STEP * scale
+    disparity = np.round(disparity / step) * step
+    noisy = BASELINE_M * focal / np.maximum(disparity, step)
+    edge = _edges(depth)
+    lost = cv2.dilate(edge, np.ones((3, 3), np.uint8)) & (rng.random((height, width), np.float32) < 0.55)
+    shadow = np.zeros((3, 7), np.uint8)
+    shadow[:, :4] = 1
+    lost |= cv2.dilate(_falls_left(depth), shadow) & (rng.random((height, width), np.float32) < 0.8)
+    valid &= (cosine > np.cos(np.radians(GRAZING_DEG))) & (lost == 0) & (noisy < RANGE_M[1])
+    # Far and dim returns drop out at random, in patches.
+    valid &= ~((z > 4.2) & (_correlated(rng, height, width, 2 * scale) > 5.5 - z))
+    return np.where(valid, noisy, 0).astype(np.float32)
+
+
+def _lateral_jitter(depth: np.ndarray, rng: np.random.Generator, sigma: float) -> np.ndarray:
+    """Resample depth (nearest) at positions displaced by about `sigma` pixels, correlated over 4 px."""
+    height, width = depth.shape
+    x, y = np.meshgrid(np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32))
+    x += sigma * _correlated(rng, height, width, 2.0)
+    y += sigma * _correlated(rng, height, width, 2.0)
+    moved = cv2.remap(depth, x, y, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE)
+    # Only edges move: inside a surface the displaced sample would add slope-dependent noise of its own.
+    return np.where(np.abs(moved - depth) > 0.02 * np.maximum(depth, 0.1), moved, depth)
+
+
+def _correlated(rng: np.random.Generator, height: int, width: int, scale: float) -> np.ndarray:
+    """Unit-variance noise, float32 (H, W), correlated over about 2 * scale pixels."""
+    sigma = max(1.2 * scale, 0.6)
+    white = rng.standard_normal((height, width), dtype=np.float32)
+    smooth = cv2.GaussianBlur(white, (0, 0), sigma)
+    radius = np.arange(-12, 13)
+    kernel = np.exp(-(radius**2) / (2 * sigma**2))
+    return smooth / float(np.square(kernel / kernel.sum()).sum())
+
+
+def _incidence(depth: np.ndarray, camera: Intrinsics) -> np.ndarray:
+    """Cosine between the viewing ray and the surface normal, from depth differences; float32 (H, W)."""
+    z = cv2.GaussianBlur(depth, (3, 3), 0)
+    dzdx = cv2.Scharr(z, cv2.CV_32F, 1, 0) / 32
+    dzdy = cv2.Scharr(z, cv2.CV_32F, 0, 1) / 32
+    height, width = depth.shape
+    x = ((np.arange(width, dtype=np.float32) - camera.cx) / camera.fx)[None]
+    y = ((np.arange(height, dtype=np.float32) - camera.cy) / camera.fy)[:, None]
+    # The normal of z(u, v): (fx z_u, fy z_v, -(z + (u - cx) z_u + (v - cy) z_v)).
+    nx, ny = camera.fx * dzdx, camera.fy * dzdy
+    nz = -(z + x * nx + y * ny)
+    dot = np.abs(nx * x + ny * y + nz)
+    length = np.sqrt(nx * nx + ny * ny + nz * nz) * np.sqrt(x * x + y * y + 1)
+    return dot / np.maximum(length, 1e-9)
+
+
+def _edges(depth: np.ndarray) -> np.ndarray:
+    """1 at depth discontinuities (a jump of over 4 % to a neighbour), uint8 (H, W)."""
+    low = cv2.erode(depth, np.ones((3, 3), np.uint8))
+    return (depth - low > 0.04 * np.maximum(depth, 0.1)).astype(np.uint8)
+
+
+def _falls_left(depth: np.ndarray) -> np.ndarray:
+    """1 at far pixels whose right neighbour is much nearer: the projector's shadow falls there, uint8."""
+    mask = np.zeros(depth.shape, np.uint8)
+    mask[:, :-1] = depth[:, :-1] - depth[:, 1:] > 0.06 * np.maximum(depth[:, :-1], 0.1)
+    return mask
