@@ -89,8 +89,6 @@ class TrainConfig:
     """Steps between validations, which also write the checkpoint."""
     seed: int = 0
     """Of initial weights, order, augmentation and dropout."""
-    workers: int = 1
-    """Processes that prepare images; 0: the training process itself."""
 
     def __post_init__(self) -> None:
         if any(side % 32 or side < 32 for side in self.size):

@@ -82,6 +82,7 @@ def train(
     init: Path | None = None,
     resume: bool = False,
     device: str = "cpu",
+    workers: int = 1,
     progress: bool = True,
 ) -> dict:
     """Train a DS-Net; `out` gets `best.safetensors` (calibrated), `checkpoint.safetensors`, `history.json`.
@@ -90,6 +91,7 @@ def train(
         data, val: folders of labelled images (see `find_pairs`) to train on and to validate with.
         init: weights to start from (fine-tuning); their network must be `net`.
         resume: go on from the checkpoint in `out`; it must be of the same configuration and data.
+        workers: processes that prepare images; 0: this one.
 
     Returns:
         the record of the best validation: step, class_avg, miou, pixel_acc, temperature, ...
@@ -119,7 +121,7 @@ def train(
         AugmentedStream(images, augmentation, config),
         batch_size=config.batch,
         sampler=range(state.step * config.batch, config.steps * config.batch),
-        num_workers=config.workers,
+        num_workers=workers,
     )
     last = state.history[-1] if state.history else None
     bar = tqdm(loader, initial=state.step, total=config.steps, unit="step", disable=not progress)
@@ -230,9 +232,8 @@ def load_checkpoint(path: Path, state: State, run: dict) -> None:
     tensors, header = load_tensors(path, TRAINING_FORMAT)
     for part, expected in run.items():
         if header["run"][part] != expected:
-            raise InputError(
-                f"{path}: {part} was {header['run'][part]}, expected the same as now: {expected}"
-            )
+            found, now = _difference(header["run"][part], expected)
+            raise InputError(f"{path}: {part} of this run was {found}, expected as now {now}")
     parts: dict[str, dict[str, Tensor]] = {"model": {}, "ema": {}, "optimiser": {}}
     for name, tensor in tensors.items():
         part, _, rest = name.partition(".")
@@ -247,3 +248,11 @@ def load_checkpoint(path: Path, state: State, run: dict) -> None:
     state.optimiser.load_state_dict({"state": moments, "param_groups": groups})
     state.step, state.best, state.seconds = header["step"], header["best"], header["seconds"]
     state.history = header["history"]
+
+
+def _difference(a: object, b: object) -> tuple[object, object]:
+    """What differs between two settings, for an error message."""
+    if not (isinstance(a, dict) and isinstance(b, dict)):
+        return a, b
+    keys = [key for key in a | b if a.get(key) != b.get(key)]
+    return {key: a.get(key) for key in keys}, {key: b.get(key) for key in keys}

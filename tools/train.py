@@ -25,6 +25,8 @@ class Args:
     """Go on from the checkpoint in `out`, if there is one."""
     device: str = "cpu"
     """cpu or cuda."""
+    workers: int = 1
+    """Processes that prepare images; 0: the training process itself."""
     train: Annotated[TrainConfig, tyro.conf.arg(name="")] = field(default_factory=TrainConfig)
     net: DSNetConfig = field(default_factory=DSNetConfig)
     augment: AugmentConfig = field(default_factory=AugmentConfig)
@@ -44,6 +46,7 @@ def main(args: Args) -> None:
         init=args.init,
         resume=args.resume,
         device=args.device,
+        workers=args.workers,
     )
     for name, values in best["per_class"].items():
         print(f"  {name:<10} recall {100 * values['recall']:5.1f}   IoU {100 * values['iou']:5.1f}")

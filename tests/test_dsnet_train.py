@@ -1,0 +1,186 @@
+"""Training: it learns, a killed run goes on as if nothing had happened, and its outputs are usable."""
+
+import dataclasses
+import json
+import shutil
+
+import cv2
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch")
+
+from dsmap.classes import PALETTE  # noqa: E402
+from dsmap.dsnet import train as training  # noqa: E402
+from dsmap.dsnet.checkpoint import WeightsInfo, load_weights  # noqa: E402
+from dsmap.dsnet.config import AugmentConfig, DSNetConfig, TrainConfig  # noqa: E402
+from dsmap.dsnet.data import LabelledImages, find_pairs  # noqa: E402
+from dsmap.dsnet.measure import fit_temperature, score  # noqa: E402
+from dsmap.dsnet.model import DSNet  # noqa: E402
+from dsmap.dsnet.predict import SHIPPED_WEIGHTS, DSNetSegmenter, load_segmenter  # noqa: E402
+from dsmap.errors import InputError  # noqa: E402
+from dsmap.frame import Frame  # noqa: E402
+
+TINY = DSNetConfig(layers=2, growth=4, widths=(8, 8, 8, 8), stem_convs=1, dropout=0.1)
+MILD = AugmentConfig(scale=(0.9, 1.2), rotate=0, hue=0, saturation=0, white_balance=0, brightness=0.1)
+CONFIG = TrainConfig(steps=12, batch=4, size=(64, 64), lr=1e-2, warmup=2, ema=0.5, validate_every=4)
+
+
+@pytest.fixture(autouse=True)
+def one_thread():
+    """Sums in one order whatever else the machine does, and quicker at this size."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(threads)
+
+
+def coloured_rectangles(path, count=8, seed=0):
+    """Images whose colour tells the class: floor below, wall above, a box of a third class."""
+    rng = np.random.default_rng(seed)
+    for name in ("rgb", "label"):
+        (path / name).mkdir(parents=True)
+    for k in range(count):
+        label = np.full((64, 64), 12, np.uint8)
+        label[rng.integers(30, 45) :] = 5
+        y, x = rng.integers(5, 35, 2)
+        label[y : y + 24, x : x + 24] = rng.choice([1, 9])
+        rgb = np.clip(PALETTE[label] + rng.normal(0, 5, (64, 64, 3)), 0, 255).astype(np.uint8)
+        cv2.imwrite(str(path / "rgb" / f"{k}.png"), rgb[..., ::-1])
+        cv2.imwrite(str(path / "label" / f"{k}.png"), label)
+    return path
+
+
+@pytest.fixture(scope="module")
+def images(tmp_path_factory):
+    return coloured_rectangles(tmp_path_factory.mktemp("images") / "set")
+
+
+def run(images, out, config=CONFIG, **options):
+    return training.train([images], images, out, TINY, MILD, config, workers=0, progress=False, **options)
+
+
+def test_a_tiny_set_is_learnt_by_heart(images, tmp_path):
+    config = dataclasses.replace(CONFIG, steps=180, validate_every=90, ema=0.9)
+    best = run(images, tmp_path / "run", config)
+    assert best["class_avg"] > 0.75 and best["pixel_acc"] > 0.85 and best["ece"] < 0.2
+    assert 0.05 < best["temperature"] < 20
+    history = json.loads((tmp_path / "run" / "history.json").read_text())
+    assert [record["step"] for record in history] == [90, 180]
+    image = cv2.imread(str(images / "rgb" / "0.png"))[..., ::-1]
+    frame = Frame(0, 0.0, np.ascontiguousarray(image), np.ones((64, 64), np.float32))
+    segmenter = load_segmenter(tmp_path / "run" / "best.safetensors")
+    assert segmenter.info.temperature == best["temperature"] and segmenter.info.size == (64, 64)
+    answer = segmenter(frame)[..., 1:].argmax(axis=2) + 1
+    label = cv2.imread(str(images / "label" / "0.png"), cv2.IMREAD_UNCHANGED)
+    assert (answer == label[1::2, 1::2]).mean() > 0.8
+
+
+def test_a_killed_run_goes_on_as_if_nothing_had_happened(images, tmp_path, monkeypatch):
+    whole = run(images, tmp_path / "whole")
+    step = training.train_step
+
+    def killed_at_9(state, *rest):
+        if state.step == 9:
+            raise KeyboardInterrupt
+        return step(state, *rest)
+
+    monkeypatch.setattr(training, "train_step", killed_at_9)
+    with pytest.raises(KeyboardInterrupt):
+        run(images, tmp_path / "cut")
+    monkeypatch.setattr(training, "train_step", step)
+    resumed = run(images, tmp_path / "cut", resume=True)
+    first, _ = load_weights(tmp_path / "whole" / "best.safetensors")
+    second, _ = load_weights(tmp_path / "cut" / "best.safetensors")
+    for name, tensor in first.state_dict().items():
+        assert torch.equal(tensor, second.state_dict()[name]), name
+    assert whole["class_avg"] == resumed["class_avg"] and whole["temperature"] == resumed["temperature"]
+
+
+def test_a_run_is_not_overwritten_nor_continued_with_other_settings(images, tmp_path):
+    short = dataclasses.replace(CONFIG, steps=2, validate_every=2)
+    run(images, tmp_path / "run", short)
+    with pytest.raises(InputError, match="--resume"):
+        run(images, tmp_path / "run", short)
+    with pytest.raises(
+        InputError, match=r"train of this run was \{'lr': 0.01\}, expected as now \{'lr': 0.005\}"
+    ):
+        run(images, tmp_path / "run", dataclasses.replace(short, lr=5e-3), resume=True)
+    checkpoint = tmp_path / "run" / "checkpoint.safetensors"
+    shutil.copy(tmp_path / "run" / "best.safetensors", checkpoint)
+    with pytest.raises(InputError, match=r"'dsmap.dsnet'.*expected 'dsmap.dsnet.training'"):
+        run(images, tmp_path / "run", short, resume=True)
+
+
+def test_fine_tuning_starts_from_the_given_weights(images, tmp_path):
+    short = dataclasses.replace(CONFIG, steps=4, validate_every=4)
+    run(images, tmp_path / "first", short)
+    best = tmp_path / "first" / "best.safetensors"
+    state = training.new_state(TINY, short, best, "cpu")
+    given, _ = load_weights(best)
+    assert torch.equal(state.model.stem[0][0].weight, given.stem[0][0].weight)
+    with pytest.raises(InputError, match="network is"):
+        training.new_state(DSNetConfig(), short, best, "cpu")
+
+
+def test_learning_rate_warms_up_and_decays():
+    rates = [training.learning_rate(step, CONFIG) for step in range(CONFIG.steps)]
+    assert rates[0] == CONFIG.lr / 2 and rates[1] == rates[2] == CONFIG.lr
+    assert all(a > b for a, b in zip(rates[2:], rates[3:], strict=False)) and rates[-1] > 0
+
+
+def test_a_batch_without_any_label_changes_little(images):
+    torch.manual_seed(0)
+    state = training.new_state(TINY, CONFIG, None, "cpu")
+    batch = [torch.zeros(2, 64, 64, 3, dtype=torch.uint8), torch.zeros(2, 32, 32, dtype=torch.uint8)]
+    weights = torch.ones(14)
+    weights[0] = 0
+    assert training.train_step(state, batch, weights, CONFIG, "cpu") == 0
+    assert all(torch.isfinite(p).all() for p in state.model.parameters())
+
+
+def test_temperature_undoes_a_known_scaling(images):
+    """Logits that are log-likelihoods of the labels drawn from them, times 3: the temperature is 3."""
+
+    class Fake:
+        def __init__(self):
+            self.rng = np.random.default_rng(0)
+
+        def logits(self, rgb):
+            return 3 * self.answers.pop(0)
+
+        answers: list = []
+
+    fake, data, rng = Fake(), [], np.random.default_rng(1)
+    for _ in range(6):
+        z = rng.normal(0, 1.5, (32, 32, 14)).astype(np.float32)
+        p = np.exp(z[..., 1:])
+        p /= p.sum(axis=2, keepdims=True)
+        label = 1 + (p.cumsum(axis=2) < rng.random((32, 32, 1))).sum(axis=2).clip(max=12)
+        fake.answers.append(z)
+        data.append((np.zeros((32, 32, 3), np.uint8), label.astype(np.uint8)))
+    assert abs(fit_temperature(fake, data) - 3) < 0.15
+
+
+def test_score_matches_a_hand_count(images):
+    model = DSNet(TINY).eval()
+    segmenter = DSNetSegmenter(model, WeightsInfo(TINY, size=(64, 64)))
+    data = LabelledImages(find_pairs(images), progress=False)
+    right = total = 0
+    for rgb, label in (data[i] for i in range(len(data))):
+        enlarged = cv2.resize(segmenter.predict(rgb), (64, 64), interpolation=cv2.INTER_LINEAR)
+        right += (enlarged[..., 1:].argmax(axis=2) + 1 == label).sum()
+        total += label.size
+    assert score(segmenter, data)["pixel_acc"] == pytest.approx(right / total)
+
+
+@pytest.mark.skipif(not SHIPPED_WEIGHTS.exists(), reason="weights not trained yet")
+def test_shipped_weights_label_a_frame():
+    segmenter = load_segmenter()
+    assert segmenter.info.config == DSNetConfig()
+    image = cv2.GaussianBlur(np.random.default_rng(0).integers(0, 256, (240, 320, 3), np.uint8), (0, 0), 9)
+    probabilities = segmenter(Frame(0, 0.0, image, np.ones((240, 320), np.float32)))
+    width, height = segmenter.info.size
+    assert probabilities.shape == (height // 2, width // 2, 14) and probabilities.dtype == np.float32
+    np.testing.assert_allclose(probabilities.sum(axis=2), 1, atol=1e-5)
+    assert probabilities[..., 0].max() < 0.5  # void is never learnt
