@@ -34,7 +34,8 @@ def evaluate_surface(
     accuracy: distance of stable surfels to the mesh, after the trajectory's SE(3) alignment; `unaligned`:
     with the first poses made equal instead. completeness: share of the mesh surface that the camera saw
     (depth of the reference, up to the run's depth_max, moved onto the mesh, one point in 2 cm) which has
-    a stable surfel within 5 cm. F-score: harmonic mean of that and the share of surfels within 5 cm.
+    a surfel, stable or not, within 5 cm. F-score: harmonic mean of that and of the share of all surfels
+    within 5 cm of the mesh.
 
     Returns:
         The trees `surface` and `semantics.surfels` (stable surfels against the class of the nearest face).
@@ -45,19 +46,20 @@ def evaluate_surface(
         return dict.fromkeys(_NAMES) | {"reason": missing}, scores | {"reason": missing}
     mesh = read_mesh(reference.path / FILE)
     surfels = run.surfels.numpy()
-    stable = surfels["weight"] >= run.config.surfels.stable_weight
-    position = surfels["position"][stable].astype(np.float64)
+    alive = surfels["weight"] > 0
+    stable = surfels["weight"][alive] >= run.config.surfels.stable_weight
+    position = surfels["position"][alive].astype(np.float64)
     aligned = position @ alignment[:3, :3].T + alignment[:3, 3]
     distance, face, _ = _closest(aligned, mesh, run)
     first = next((i, T) for i, j in pairs if (T := reference.T_world_camera(j)) is not None)
     anchor = first[1] @ np.linalg.inv(run.poses[first[0]])
-    unaligned, _, _ = _closest(position @ anchor[:3, :3].T + anchor[:3, 3], mesh, run)
+    unaligned, _, _ = _closest(position[stable] @ anchor[:3, :3].T + anchor[:3, 3], mesh, run)
     precision = float((distance < THRESHOLD_M).mean())
     completeness = _completeness(aligned, seen_surface(reference, mesh, run))
     total = precision + (completeness or 0.0)
     surface = {
-        "accuracy_mean_m": float(distance.mean()),
-        "accuracy_median_m": float(np.median(distance)),
+        "accuracy_mean_m": float(distance[stable].mean()),
+        "accuracy_median_m": float(np.median(distance[stable])),
         "accuracy_mean_unaligned_m": float(unaligned.mean()),
         "completeness_5cm": completeness,
         "fscore_5cm": 2 * precision * completeness / total if completeness and total else completeness,
@@ -66,8 +68,8 @@ def evaluate_surface(
     if completeness is None:
         surface["reason"] = "no reference frame with a pose shows the mesh"
     matrix = ConfusionMatrix()
-    near = distance < LABEL_DISTANCE_M
-    matrix.add(mesh.label[face[near]], surfels["label"][stable][near])
+    near = stable & (distance < LABEL_DISTANCE_M)
+    matrix.add(mesh.label[face[near]], surfels["label"][alive][near])
     return surface, matrix.scores()
 
 

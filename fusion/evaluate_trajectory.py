@@ -72,9 +72,9 @@ def consistency_table(reference: Sequence, poses: dict[int, np.ndarray], max_dep
     table: dict[str, Any] = {}
     frames = sorted(poses)
     for step in CONSISTENCY_STEPS:
-        firsts = np.unique(np.linspace(0, len(frames) - 1 - step, _CONSISTENCY_PAIRS).astype(int))
+        starts = max(len(frames) - step, 0)
         medians = []
-        for k in firsts[firsts >= 0]:
+        for k in np.unique(np.linspace(0, starts - 1, min(starts, _CONSISTENCY_PAIRS)).astype(int)):
             a, b = frames[k], frames[k + step]
             try:
                 depth_a, depth_b = (_within(reference.depth(j), max_depth) for j in (a, b))

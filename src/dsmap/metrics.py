@@ -142,7 +142,8 @@ class Reliability:
         if len(truth) == 0:
             return
         top, answer = p.max(axis=1), p.argmax(axis=1)
-        bins = np.clip(np.ceil(top * NUM_BINS).astype(np.int64) - 1, 0, NUM_BINS - 1)
+        # Rounding must not part equal probabilities that lie on a bin's edge (3/5 is one), hence the 1e-5.
+        bins = np.clip(np.ceil(top * NUM_BINS - 1e-5).astype(np.int64) - 1, 0, NUM_BINS - 1)
         self.count += np.bincount(bins, minlength=NUM_BINS)
         self.confidence += np.bincount(bins, weights=top, minlength=NUM_BINS)
         self.correct += np.bincount(bins[answer == truth], minlength=NUM_BINS)
