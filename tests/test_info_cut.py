@@ -1,0 +1,88 @@
+"""`dsmap info` and `dsmap cut`."""
+
+import numpy as np
+import pytest
+from conftest import shared_data
+from sequence_files import CAMERA, colour, depth, pose, write_redwood, write_seven_scenes, write_tum
+
+from dsmap.sequences import SequenceWriter, open_sequence
+from dsmap.sequences.mesh import LabelledMesh, write_mesh
+from dsmap.tools.cli import run
+
+
+def test_info_says_what_was_understood(tmp_path, capsys):
+    assert run("info", [str(write_tum(tmp_path / "s", labels=True))]) == 0
+    printed = capsys.readouterr().out
+    for words in (
+        "tum",
+        "64x48",
+        "fx 60",
+        "calibration.yaml",
+        "1000 units",
+        "6 over 0.17 s",
+        "labels",
+        "6 frames",
+    ):
+        assert words in printed
+    assert "warning" not in printed
+
+
+def test_info_warns_of_a_wrong_scale_and_names_gaps(tmp_path, capsys):
+    folder = tmp_path / "s"
+    with SequenceWriter(folder, CAMERA, 1000.0) as writer:
+        for i, t in enumerate((0.0, 0.1, 0.2, 0.3, 1.3, 1.4)):
+            writer.write(t, colour(i), depth(i))
+    assert run("info", [str(folder), "--depth-scale", "10"]) == 0
+    printed = capsys.readouterr().out
+    assert "the depth scale is probably wrong" in printed and "--depth-scale" in printed
+    assert "1 longer than 3 median intervals: 1.00 s after 0.300" in printed
+
+
+def test_info_of_a_bad_folder_exits_with_2(tmp_path, capsys):
+    assert run("info", [str(tmp_path)]) == 2
+    assert "looked for rgb.txt" in capsys.readouterr().err
+
+
+def test_a_cut_holds_the_stretch_and_the_bytes(tmp_path, capsys):
+    source = write_tum(tmp_path / "s", frames=30, labels=True)
+    one = np.zeros((1, 3))
+    write_mesh(
+        source / "mesh.ply", LabelledMesh(one.astype(np.float32), one.astype(np.int32), np.ones(1, np.uint8))
+    )
+    assert run("cut", [str(source), str(tmp_path / "c"), "--start", "0.2", "--seconds", "0.5"]) == 0
+    assert "15 rgb" in capsys.readouterr().out
+    whole, cut = open_sequence(source), open_sequence(tmp_path / "c")
+    assert len(cut) == 15 and cut.intrinsics == whole.intrinsics and (tmp_path / "c" / "mesh.ply").exists()
+    for i in range(15):
+        a, b = whole.frame(6 + i), cut.frame(i)
+        assert a.time == b.time and (a.label == b.label).all() and (a.instance == b.instance).all()
+        np.testing.assert_allclose(a.T_world_camera, b.T_world_camera, atol=1e-6)
+    assert cut.entries[3].rgb.read_bytes() == whole.entries[9].rgb.read_bytes()
+
+
+@pytest.mark.parametrize("write", [write_seven_scenes, write_redwood])
+def test_other_layouts_are_cut_into_tum_sequences(tmp_path, write):
+    source = write(tmp_path / "s", frames=8)
+    assert run("cut", [str(source), str(tmp_path / "c"), "--seconds", "0.15"]) == 0
+    cut = open_sequence(tmp_path / "c")
+    assert (cut.layout, len(cut)) == ("tum", 5)
+    assert cut.calibration.intrinsics == open_sequence(source).calibration.intrinsics
+    np.testing.assert_array_equal(cut.frame(4).depth, open_sequence(source).frame(4).depth)
+    np.testing.assert_allclose(cut.T_world_camera(4), pose(4), atol=1e-6)
+
+
+def test_cuts_that_cannot_be_made(tmp_path, capsys):
+    source = write_tum(tmp_path / "s")
+    for options, words in (
+        ([str(source)], "already"),
+        ([str(tmp_path / "c"), "--start", "100"], "no colour image"),
+        ([str(tmp_path / "c"), "--seconds", "-1"], "length"),
+    ):
+        assert run("cut", [str(source), *options]) == 2
+        assert words in capsys.readouterr().err
+
+
+def test_cutting_the_real_recording_keeps_its_pairs(tmp_path):
+    source = shared_data("tum_fr1_xyz_10s")
+    assert run("cut", [str(source), str(tmp_path / "c"), "--seconds", "10"]) == 0
+    assert len(open_sequence(tmp_path / "c")) == 294
