@@ -75,16 +75,13 @@ def _find_new(
     row, lane = wp.tid()
     y = s.first + row
     for x in range(lane, camera.width, s.step):
-        v = vertex_map[y, x]
-        n = normal_map[y, x]
         new = int(0)
-        measured = v[2] > 0.0 and edge[y, x] == wp.uint8(0) and wp.dot(n, n) > 0.0
-        if (
-            match[y, x] < 0
-            and measured
-            and not _is_represented(camera, T_camera_world, x, y, v, n, match, position)
-        ):
-            new = 1
+        if match[y, x] < 0 and edge[y, x] == wp.uint8(0):
+            v = vertex_map[y, x]
+            n = normal_map[y, x]
+            measured = v[2] > 0.0 and wp.dot(n, n) > 0.0
+            if measured and not _is_represented(camera, T_camera_world, x, y, v, n, match, position):
+                new = 1
         is_new[y, x] = new
 
 

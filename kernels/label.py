@@ -44,31 +44,18 @@ def _prepare(
         total = float(0.0)
         for k in range(1, 14):
             total += p[k]
+        q = vec13()
         ok = wp.uint8(0)
-        # The comparison is written so that NaN is no observation.
+        # The comparisons are written so that NaN is no observation.
         if total > 1.0e-6 and p[0] <= _VOID_LIMIT:
             ok = wp.uint8(1)
-            q = vec13()
+            per_total = 1.0 / total
             for k in range(13):
-                q[k] = p[k + 1] / total
+                q[k] = p[k + 1] * per_total
                 if use_log == 1:
                     q[k] = wp.log(wp.max(q[k], floor))
-            observed[y, x] = q
+        observed[y, x] = q
         valid[y, x] = ok
-
-
-@wp.func
-def _add_corner(
-    total: vec13,
-    x: int,
-    y: int,
-    share: float,
-    observed: wp.array2d(dtype=vec13),
-) -> vec13:
-    """total + share * observed[y, x], leaving the pixel alone where the share is nothing."""
-    if share > 0.0:
-        return total + share * observed[y, x]
-    return total
 
 
 @wp.kernel(enable_backward=False)
@@ -128,12 +115,14 @@ def _observe(
         share = s00 + s01 + s10 + s11
         if share < 0.5:
             continue
-        e = _add_corner(vec13(), x0, y0, s00, observed)
-        e = _add_corner(e, x1, y0, s01, observed)
-        e = _add_corner(e, x0, y1, s10, observed)
-        e = _add_corner(e, x1, y1, s11, observed)
+        per_share = 1.0 / share
+        e = (s00 * per_share) * observed[y0, x0]
+        if share > s00:
+            e += (s01 * per_share) * observed[y0, x1]
+            e += (s10 * per_share) * observed[y1, x0]
+            e += (s11 * per_share) * observed[y1, x1]
         # Eq. 5-6 in log space: log p(l | K_1..t) = log p(l | K_t) + log p(l | K_1..t-1) - log Z.
-        e = evidence[i] + e / share
+        e += evidence[i]
         best = int(0)
         top = e[0]
         for k in range(1, 13):
