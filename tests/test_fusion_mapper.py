@@ -43,7 +43,7 @@ def test_tracks_and_fuses():
         assert np.linalg.norm(error[:3, 3]) < 6e-3  # a pixel of this small image is 2.5 cm wide at 2.3 m
     surfels = mapper.surfels.numpy()
     pixels = np.count_nonzero(FRAMES[0].depth)
-    assert pixels < mapper.surfels.count < 3 * pixels, (
+    assert 0.7 * pixels < mapper.surfels.count < 2 * pixels, (
         "new surfels where the view is new, not everywhere again"
     )
     assert (surfels["weight"] > 5).mean() > 0.5
@@ -173,7 +173,7 @@ def test_results_do_not_depend_on_the_number_of_threads(tmp_path):
     )
     saved = []
     for threads in ("1", "3"):
-        path = tmp_path / f"{threads}.npz"
+        path, env = tmp_path / f"{threads}.npz", os.environ | {"DSMAP_THREADS": threads}
         subprocess.run(
             [sys.executable, "-c", program, str(path)],
             check=True,
