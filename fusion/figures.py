@@ -142,7 +142,7 @@ def _image_figure(image: np.ndarray) -> Figure:
 def _emptiest_corner(image: np.ndarray, width: float, height: float) -> tuple[bool, bool]:
     """(top, right) of the corner box, given by its shares of the image, that holds the fewest dark pixels."""
     rows, columns = int(height * image.shape[0]), int(width * image.shape[1])
-    drawn: np.ndarray = (image < 250).any(axis=2)
+    drawn: np.ndarray = np.any(image < 250, axis=2)
     corners = [(True, True), (False, True), (True, False), (False, False)]
 
     def filled(corner: tuple[bool, bool]) -> int:

@@ -92,6 +92,11 @@ def time_colours(time: np.ndarray) -> tuple[np.ndarray, float, float]:
     return figures.colour_map("turbo", (time - low) / max(high - low, 1.0)), low, max(high, low + 1)
 
 
+def shown_weight(weight: np.ndarray, min_weight: float) -> float:
+    """`min_weight`, or 0 if it left less than a third of the living surfels (a short recording)."""
+    return min_weight if (weight >= min_weight).sum() >= (weight > 0).sum() / 3 else 0.0
+
+
 def write_views(folder: Path, surfels: SurfelMap, poses: np.ndarray, min_weight: float = 0.0) -> list[Path]:
     """Write `map_colour.png`, `map_label.png`, `map_confidence.png` and `map_time.png`.
 
@@ -106,9 +111,7 @@ def write_views(folder: Path, surfels: SurfelMap, poses: np.ndarray, min_weight:
     weight = surfels.numpy()["weight"]
     if not (weight > 0).any():
         return []
-    if (weight >= min_weight).sum() < (weight > 0).sum() / 3:
-        min_weight = 0.0
-    scene = Overview(surfels, poses, min_weight)
+    scene = Overview(surfels, poses, shown_weight(weight, min_weight))
     arrays, path = scene.arrays, poses[:, :3, 3]
     paths = [folder / "map_colour.png"]
     figures.save_image(paths[0], scene.picture(_rgb(arrays), 0.35, path))

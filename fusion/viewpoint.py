@@ -95,7 +95,7 @@ def frame_points(
 ) -> View:
     """A camera in `direction` from the points, at the distance at which they fill the image.
 
-    All of the path (M, 3) is in the image, and all points (N, 3) but the outermost 0.2 % on each
+    All of the path (M, 3) is in the image, and all points (N, 3) but the outermost 0.05 % on each
     side: stray surfels must not make the map small.
     """
     focal = 0.5 * height / np.tan(np.radians(_FOV_DEG) / 2)
@@ -104,7 +104,7 @@ def frame_points(
     x = _unit(np.cross(z, up))
     rotation = np.stack([x, np.cross(z, x), z], axis=1)  # camera axes as columns: right, down, forward
     middle = position.mean(axis=0)
-    low, high = np.percentile((position - middle) @ rotation, [0.2, 99.8], axis=0)
+    low, high = np.percentile((position - middle) @ rotation, [0.05, 99.95], axis=0)
     trimmed = ((position - middle) @ rotation).clip(low, high)
     local = np.concatenate([trimmed, (path - middle) @ rotation])
     slope = _FILL * np.array([width, height]) / (2 * focal)
