@@ -51,7 +51,7 @@ class MapRenderer:
         self.camera = make_camera(camera)
         self.probabilities = posterior(run.surfels, labels.rule, temperature=labels.temperature)
         self.label = run.surfels.numpy()["label"]
-        self._index = wp.empty((camera.height, camera.width), dtype=wp.int32, device=run.surfels.device)
+        self._index = wp.full((camera.height, camera.width), -1, dtype=wp.int32, device=run.surfels.device)
 
     def __call__(self, T_world_camera: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Labels, uint8 (H, W), 0 where no labelled surfel is seen; class probabilities, (H, W, 13)."""
@@ -59,7 +59,7 @@ class MapRenderer:
             self.run.surfels, self.camera, T_world_camera, max_depth=self.run.config.depth_max,
             index=self._index, stable_weight=self.run.config.surfels.stable_weight,
         )  # fmt: skip
-        index = self._index.numpy()
+        index: np.ndarray = np.asarray(self._index.numpy())
         label = np.where(index >= 0, self.label[index], VOID).astype(np.uint8)
         return label, self.probabilities[index]
 

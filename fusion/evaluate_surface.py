@@ -3,7 +3,7 @@
 from typing import Any
 
 import numpy as np
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from dsmap.errors import InputError
 from dsmap.fusion.evaluate_trajectory import back_project
@@ -109,7 +109,7 @@ def _closest(points: np.ndarray, mesh: LabelledMesh, run: Run) -> tuple[np.ndarr
 def _completeness(surfels: np.ndarray, seen: np.ndarray) -> float | None:
     if len(seen) == 0:
         return None
-    distance, _ = cKDTree(surfels).query(seen, distance_upper_bound=THRESHOLD_M)
+    distance, _ = KDTree(surfels).query(seen, distance_upper_bound=THRESHOLD_M)
     return float(np.isfinite(distance).mean())
 
 

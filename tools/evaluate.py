@@ -49,29 +49,29 @@ class Args:
 
 def main(args: Args) -> None:
     """Score, print the tables, write metrics.json."""
-    if (args.run is None) == (args.data is None):
-        raise InputError("expected either a RUN folder, or --data with images and labels")
-    if args.data is not None:
+    if args.run is not None and args.data is None:
+        metrics = score_run(args.run, args)
+        print(run_tables(metrics))
+        out = args.out or args.run / "metrics.json"
+    elif args.data is not None and args.run is None:
         metrics = score_network(args.data, args.weights)
         print(network_table(metrics))
         out = args.out
     else:
-        metrics = score_run(args)
-        print(run_tables(metrics))
-        out = args.out or args.run / "metrics.json"
+        raise InputError("expected either a RUN folder, or --data with images and labels")
     if out is not None:
         with atomic_path(out) as path:
             path.write_text(json.dumps(finite(metrics), indent=2, allow_nan=False) + "\n")
         print(f"written: {out}")
 
 
-def score_run(args: Args) -> dict[str, Any]:
+def score_run(folder: Path, args: Args) -> dict[str, Any]:
     """The metrics of a run (see `dsmap.fusion.evaluate.evaluate_run`)."""
-    run = load_run(args.run)
+    run = load_run(folder)
     settings = run.settings.get("sequence", {})
     path = args.reference or settings.get("path")
     if path is None:
-        raise InputError(f"{args.run}: its config.yaml names no recording; expected --reference")
+        raise InputError(f"{folder}: its config.yaml names no recording; expected --reference")
     reference = open_sequence(
         path,
         intrinsics=parse_intrinsics(args.intrinsics),
@@ -88,7 +88,7 @@ def segmenter_of(run: Run, weights: str | None) -> Segmenter | None:
     A network that needs a package which is not here, or a factory that is gone, gives None and a line of
     warning: the map's own labels can still be scored.
     """
-    values = run.settings.get("segmenter") or {"kind": "none"}
+    values: dict[str, Any] = run.settings.get("segmenter") or {"kind": "none"}
     try:
         spec = SegmenterSpec(**values)
         if weights is not None:
