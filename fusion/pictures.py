@@ -78,10 +78,9 @@ class Overview:
         cv2.polylines(image, pixels, False, (214, 39, 40), 5, cv2.LINE_AA, shift=4)
 
 
-def confidence_colours(weight: np.ndarray) -> tuple[np.ndarray, float, float]:
-    """Surfel confidence as viridis on a log scale: RGB uint8 (N, 3) and the scale's ends."""
-    low = 1.0
-    high = max(10.0, float(np.percentile(weight, 99)) if len(weight) else 10.0)
+def confidence_colours(weight: np.ndarray, low: float = 1.0) -> tuple[np.ndarray, float, float]:
+    """Surfel confidence as viridis on a log scale from `low`: RGB uint8 (N, 3) and the scale's ends."""
+    high = max(10.0 * low, float(np.percentile(weight, 99)) if len(weight) else 0.0)
     scaled = np.log(weight.clip(low, high) / low) / np.log(high / low)
     return figures.colour_map("viridis", scaled), low, high
 
@@ -111,7 +110,8 @@ def write_views(folder: Path, surfels: SurfelMap, poses: np.ndarray, min_weight:
     weight = surfels.numpy()["weight"]
     if not (weight > 0).any():
         return []
-    scene = Overview(surfels, poses, shown_weight(weight, min_weight))
+    min_weight = shown_weight(weight, min_weight)
+    scene = Overview(surfels, poses, min_weight)
     arrays, path = scene.arrays, poses[:, :3, 3]
     paths = [folder / "map_colour.png"]
     figures.save_image(paths[0], scene.picture(_rgb(arrays), 0.35, path))
@@ -122,7 +122,7 @@ def write_views(folder: Path, surfels: SurfelMap, poses: np.ndarray, min_weight:
         present = np.flatnonzero(pixels > _LEGEND_SHARE * len(seen)).tolist()
         figures.save_with_legend(paths[-1], scene.picture(colourise(arrays["label"]), 0.8), present)
     for name, title, (colours, low, high), log in (
-        ("confidence", "surfel confidence", confidence_colours(weight), True),
+        ("confidence", "surfel confidence", confidence_colours(weight, max(1.0, min_weight)), True),
         ("time", "frame of the first observation", time_colours(arrays["t_created"]), False),
     ):
         paths.append(folder / f"map_{name}.png")

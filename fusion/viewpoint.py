@@ -66,6 +66,8 @@ def overview(
 ) -> View:
     """A camera outside the map, above and obliquely to the walls, from where most surface is seen.
 
+    Where the recording's cameras looked to one side, the overview is rather taken from their side.
+
     Args:
         surfels: position, normal and radius of N > 0 surfels, by name.
         poses: T_world_camera of the frames, shape (M, 4, 4); tells which way is up.
@@ -78,11 +80,12 @@ def overview(
     up = up_direction(normal, poses)
     axes = level_axes(normal, up)
     elevation = np.radians(elevation_deg)
+    behind = -poses[:, :3, 2].mean(axis=0) if len(poses) else np.zeros(3)
     best, best_score = up, -1.0
     for azimuth in np.radians([33, 57, 123, 147, 213, 237, 303, 327]):
         flat = np.array([np.cos(azimuth), np.sin(azimuth), 0.0]) * np.cos(elevation)
         direction = axes.T @ (flat + [0, 0, np.sin(elevation)])
-        score = (area * np.maximum(normal @ direction, 0)).sum()
+        score = (area * np.maximum(normal @ direction, 0)).sum() * (1 + 0.7 * float(behind @ direction))
         if score > best_score:
             best, best_score = direction, score
     facing = normal @ best > 0.1
