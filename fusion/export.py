@@ -1,6 +1,5 @@
-"""What a run leaves for other programs: the map as PLY, the trajectory in the TUM format, the classes."""
+"""What a run leaves for other programs: the map as PLY, the trajectory in the TUM format."""
 
-import json
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, Literal
@@ -8,7 +7,7 @@ from typing import Any, Literal
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from dsmap.classes import CLASS_NAMES, as_records, colourise
+from dsmap.classes import CLASS_NAMES, colourise
 from dsmap.errors import InputError
 from dsmap.files import atomic_path
 
@@ -164,9 +163,3 @@ def write_trajectory(path: Path | str, rows: Iterable[Sequence[Any]]) -> None:
         for row, pose, quaternion in zip(rows, poses, quaternions, strict=True):
             numbers = " ".join(f"{value:.7f}" for value in (*pose[:3, 3], *quaternion))
             file.write(f"{row[0]:.6f} {numbers}\n")
-
-
-def write_classes(path: Path | str) -> None:
-    """Write `classes.json`: id, name and colour of every class."""
-    with atomic_path(path) as temporary:
-        temporary.write_text(json.dumps(as_records(), indent=1) + "\n", encoding="ascii")

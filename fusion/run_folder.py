@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 import yaml
 
+from dsmap.classes import write_classes
 from dsmap.files import atomic_path
 from dsmap.fusion.checkpoint import save_map
-from dsmap.fusion.export import write_classes, write_ply, write_trajectory
+from dsmap.fusion.export import write_ply, write_trajectory
 from dsmap.fusion.mapper import Mapper
 
 WARM_UP = 5

@@ -7,9 +7,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 from synthetic_map import camera_path, room_arrays
 
-from dsmap.classes import NUM_CLASSES, PALETTE
+from dsmap.classes import NUM_CLASSES, PALETTE, write_classes
 from dsmap.errors import InputError
-from dsmap.fusion.export import read_ply, surfels_of_ply, write_classes, write_ply, write_trajectory
+from dsmap.fusion.export import read_ply, surfels_of_ply, write_ply, write_trajectory
 
 
 @pytest.fixture(scope="module")

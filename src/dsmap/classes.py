@@ -1,6 +1,11 @@
 """The 13 NYUv2 classes of Couprie et al. plus void (0), with names and colours."""
 
+import json
+from pathlib import Path
+
 import numpy as np
+
+from dsmap.files import atomic_path
 
 VOID = 0
 """Unlabelled: ignored by the loss, never scored, the label of a surfel that was never observed."""
@@ -34,3 +39,9 @@ def as_records() -> list[dict]:
     return [
         {"id": i, "name": name, "color": [int(v) for v in PALETTE[i]]} for i, name in enumerate(CLASS_NAMES)
     ]
+
+
+def write_classes(path: Path | str) -> None:
+    """Write `classes.json`: id, name and colour of every class."""
+    with atomic_path(path) as temporary:
+        temporary.write_text(json.dumps(as_records(), indent=1) + "\n", encoding="ascii")

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from dsmap.classes import write_classes
 from dsmap.errors import InputError
 from dsmap.files import atomic_path
 from dsmap.sequences.associate import MAX_DIFFERENCE_S, pose_vector
@@ -13,7 +14,7 @@ from dsmap.sequences.base import Sequence
 from dsmap.sequences.calibration import write_calibration
 from dsmap.sequences.mesh import FILE as MESH
 from dsmap.sequences.tum import read_image_list, read_poses
-from dsmap.sequences.writer import LISTS, write_classes
+from dsmap.sequences.writer import LISTS
 
 _POSE_MARGIN_S = 1.0
 """Poses this long before and after the stretch are kept, so that its ends can be interpolated [s]."""
@@ -75,7 +76,7 @@ def cut_sequence(sequence: Sequence, destination: Path | str, *, start_s: float,
             with atomic_path(destination / f"{name}.txt") as path:
                 path.write_text(LISTS[name] + "\n".join(rows) + "\n")
     if "label" in lines:
-        write_classes(destination)
+        write_classes(destination / "classes.json")
     if (sequence.path / MESH).exists():
         shutil.copyfile(sequence.path / MESH, destination / MESH)
     return CutResult({name: len(rows) for name, rows in lines.items()}, begin)

@@ -1,6 +1,5 @@
 """Writing a sequence in the TUM layout, frame by frame."""
 
-import json
 import shutil
 from pathlib import Path
 from types import TracebackType
@@ -9,7 +8,7 @@ from typing import TextIO
 import cv2
 import numpy as np
 
-from dsmap.classes import as_records
+from dsmap.classes import write_classes
 from dsmap.errors import InputError
 from dsmap.files import atomic_path
 from dsmap.frame import Intrinsics
@@ -103,7 +102,7 @@ class SequenceWriter:
         self._image("depth", stamp, encode_depth(depth, self.depth_scale))
         if label is not None:
             if "label" not in self._lists:
-                write_classes(self.path)
+                write_classes(self.path / "classes.json")
             self._image("label", stamp, label.astype(np.uint8))
         if instance is not None:
             self._image("instance", stamp, instance.astype(np.uint16))
@@ -158,12 +157,6 @@ def encode_depth(depth: np.ndarray, depth_scale: float) -> np.ndarray:
         np.rint(np.asarray(depth, dtype=np.float64) * depth_scale), nan=0.0, posinf=0.0, neginf=0.0
     )
     return np.where((units > 0) & (units < SATURATED), units, 0).astype(np.uint16)
-
-
-def write_classes(folder: Path) -> None:
-    """Write `classes.json`: id, name and colour of the 13 classes and void."""
-    with atomic_path(folder / "classes.json") as path:
-        path.write_text(json.dumps(as_records(), indent=1) + "\n")
 
 
 def remove_sequence(folder: Path) -> None:
