@@ -11,10 +11,10 @@ from queue import SimpleQueue
 
 import numpy as np
 
-from dsmap.classes import PALETTE
 from dsmap.errors import InputError
 from dsmap.files import atomic_path
 from dsmap.sequences import SequenceWriter
+from dsmap.sequences.mesh import LabelledMesh, write_mesh
 from dsmap.sim_scenes.render import RENDERERS, Image, Renderer, default_camera, open_renderer, part_tables
 from dsmap.sim_scenes.rooms import build_scene
 from dsmap.sim_scenes.scene import Scene
@@ -167,34 +167,8 @@ def render_sequence(
                 label=frame.label,
                 instance=frame.instance,
             )
-        write_mesh(writer.path / "mesh.ply", scene)
+        write_mesh(writer.path / "mesh.ply", LabelledMesh(*scene.surface()))
         record = {k: v for k, v in asdict(options).items() if k != "jobs"}
         with atomic_path(writer.path / "scene.json") as path:
             path.write_text(json.dumps({"dsmap": version("dsmap"), "options": record}, indent=2) + "\n")
         return writer.path
-
-
-def write_mesh(path: Path | str, scene: Scene) -> None:
-    """Write the ground-truth surface as binary PLY: vertices (x y z float [m]) and faces.
-
-    A face is (uchar count, int vertex_indices), uchar red green blue (the class colour), uchar label
-    (class id), ushort instance.
-    """
-    vertices, faces, label, instance = scene.surface()
-    kind = [("n", "u1"), ("i", "<i4", 3), ("rgb", "u1", 3), ("label", "u1"), ("instance", "<u2")]
-    table = np.zeros(len(faces), np.dtype(kind))
-    table["n"], table["i"], table["rgb"], table["label"], table["instance"] = (
-        3,
-        faces,
-        PALETTE[label],
-        label,
-        instance,
-    )
-    header = (
-        "ply\nformat binary_little_endian 1.0\ncomment dsmap ground-truth surface\n"
-        f"element vertex {len(vertices)}\nproperty float x\nproperty float y\nproperty float z\n"
-        f"element face {len(faces)}\nproperty list uchar int vertex_indices\n"
-        "property uchar red\nproperty uchar green\nproperty uchar blue\nproperty uchar label\nproperty ushort instance\nend_header\n"
-    )
-    with atomic_path(path) as temporary:
-        temporary.write_bytes(header.encode() + vertices.astype("<f4").tobytes() + table.tobytes())

@@ -5,15 +5,25 @@ from pathlib import Path
 
 import numpy as np
 
+from dsmap.classes import PALETTE
 from dsmap.errors import InputError
 from dsmap.files import atomic_path
 
 FILE = "mesh.ply"
+_INDICES = "vertex_indices"
 _VERTEX = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4")])
-_FACE = np.dtype([("n", "u1"), ("vertex_indices", "<i4", (3,)), ("rgb", "u1", (3,)), ("label", "u1")])
+_FACE = np.dtype(
+    [("n", "u1"), (_INDICES, "<i4", (3,)), ("red", "u1"), ("green", "u1"), ("blue", "u1"),
+     ("label", "u1"), ("instance", "<u2")]
+)  # fmt: skip
+_TYPES = {
+    "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "<i2", "int16": "<i2",
+    "ushort": "<u2", "uint16": "<u2", "int": "<i4", "int32": "<i4", "uint": "<u4", "uint32": "<u4",
+    "float": "<f4", "float32": "<f4", "double": "<f8", "float64": "<f8",
+}  # fmt: skip
 _HEADER = """ply
 format binary_little_endian 1.0
-comment ground-truth surface, metres, world frame; label: class id of classes.json
+comment dsmap ground-truth surface, metres, world frame; label: class id of classes.json
 element vertex {vertices}
 property float x
 property float y
@@ -24,6 +34,7 @@ property uchar red
 property uchar green
 property uchar blue
 property uchar label
+property ushort instance
 end_header
 """
 
@@ -38,20 +49,21 @@ class LabelledMesh:
     """Vertex indices, int32, shape (F, 3)."""
     label: np.ndarray
     """Class id of each face, uint8, shape (F,)."""
+    instance: np.ndarray | None = None
+    """Instance id of each face, uint16, shape (F,)."""
 
 
-def write_mesh(path: Path | str, mesh: LabelledMesh, colour: np.ndarray | None = None) -> None:
-    """Write a mesh as binary PLY.
-
-    Args:
-        colour: RGB of each face for viewers, uint8, shape (F, 3); grey if not given.
-    """
+def write_mesh(path: Path | str, mesh: LabelledMesh) -> None:
+    """Write a mesh as binary PLY; faces have their class's colour for viewers."""
     vertices = np.zeros(len(mesh.vertices), dtype=_VERTEX)
     for axis, name in enumerate("xyz"):
         vertices[name] = mesh.vertices[:, axis]
     faces = np.zeros(len(mesh.faces), dtype=_FACE)
-    faces["n"], faces["vertex_indices"], faces["label"] = 3, mesh.faces, mesh.label
-    faces["rgb"] = 128 if colour is None else colour
+    faces["n"], faces[_INDICES], faces["label"] = 3, mesh.faces, mesh.label
+    for channel, name in enumerate(("red", "green", "blue")):
+        faces[name] = PALETTE[mesh.label, channel]
+    if mesh.instance is not None:
+        faces["instance"] = mesh.instance
     header = _HEADER.format(vertices=len(vertices), faces=len(faces))
     with atomic_path(path) as temporary, temporary.open("wb") as file:
         file.write(header.encode("ascii"))
@@ -60,10 +72,10 @@ def write_mesh(path: Path | str, mesh: LabelledMesh, colour: np.ndarray | None =
 
 
 def read_mesh(path: Path | str) -> LabelledMesh:
-    """Read what `write_mesh` wrote.
+    """Read a binary little-endian PLY of triangles with a `label` property on the faces.
 
     Raises:
-        InputError: no such file, not a mesh of this form, or cut short.
+        InputError: no such file, not such a mesh, or cut short.
     """
     path = Path(path)
     try:
@@ -71,21 +83,50 @@ def read_mesh(path: Path | str) -> LabelledMesh:
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}), expected a labelled mesh") from error
     head, _, body = data.partition(b"end_header\n")
-    lines = head.decode("ascii", "replace").splitlines()
-    elements = [words for words in map(str.split, lines) if words[:1] == ["element"]]
-    counts = {words[1]: int(words[2]) for words in elements if len(words) == 3 and words[2].isdigit()}
-    v, f = counts.get("vertex", 0), counts.get("face", 0)
-    if (head + b"end_header\n").decode("ascii", "replace") != _HEADER.format(vertices=v, faces=f):
-        raise InputError(
-            f"{path}: found another PLY header, expected the labelled mesh of a rendered sequence"
-        )
-    expected = v * _VERTEX.itemsize + f * _FACE.itemsize
+    (v, vertex_type), (f, face_type) = _layout(path, head.decode("ascii", "replace").splitlines())
+    expected = v * vertex_type.itemsize + f * face_type.itemsize
     if len(body) != expected:
-        raise InputError(f"{path}: found {len(body)} bytes after the header, expected {expected}")
-    vertices = np.frombuffer(body, dtype=_VERTEX, count=v)
-    faces = np.frombuffer(body, dtype=_FACE, offset=v * _VERTEX.itemsize)
+        raise InputError(
+            f"{path}: found {len(body)} bytes after the header, expected {expected} (triangles only)"
+        )
+    vertices = np.frombuffer(body, dtype=vertex_type, count=v)
+    faces = np.frombuffer(body, dtype=face_type, offset=v * vertex_type.itemsize)
+    indices = faces[_INDICES]["i"].astype(np.int32)
+    if (faces[_INDICES]["n"] != 3).any() or (f and not 0 <= indices.min() <= indices.max() < v):
+        raise InputError(f"{path}: found faces that are no triangles of its {v} vertices")
     return LabelledMesh(
-        np.stack([vertices[name] for name in "xyz"], axis=1),
-        np.ascontiguousarray(faces["vertex_indices"]),
-        np.ascontiguousarray(faces["label"]),
+        np.stack([vertices[name].astype(np.float32) for name in "xyz"], axis=1),
+        indices,
+        faces["label"].astype(np.uint8),
+        faces["instance"].astype(np.uint16) if "instance" in (face_type.names or ()) else None,
     )
+
+
+def _layout(path: Path, lines: list[str]) -> list[tuple[int, np.dtype]]:
+    """Count and record type of the vertices and of the faces, from the header."""
+    elements: list[tuple[str, int, list]] = []
+    try:
+        for words in map(str.split, lines):
+            if words[:1] == ["element"]:
+                elements.append((words[1], int(words[2]), []))
+            elif words[:2] == ["property", "list"]:
+                kind = np.dtype([("n", _TYPES[words[2]]), ("i", _TYPES[words[3]], (3,))])
+                elements[-1][2].append((_INDICES, kind))
+            elif words[:1] == ["property"]:
+                elements[-1][2].append((words[2], _TYPES[words[1]]))
+        types = [(count, np.dtype(fields)) for _, count, fields in elements]
+    except (IndexError, KeyError, ValueError, TypeError):
+        types = []
+    names = [name for name, _, _ in elements]
+    binary = lines[:2] == ["ply", "format binary_little_endian 1.0"]
+    if not binary or names != ["vertex", "face"] or len(types) != 2 or not _complete(types):
+        raise InputError(
+            f"{path}: found another header, expected a binary little-endian PLY of vertices x y z and "
+            "triangles with a label"
+        )
+    return types
+
+
+def _complete(types: list[tuple[int, np.dtype]]) -> bool:
+    vertex, face = (set(kind.names or ()) for _, kind in types)
+    return vertex >= {"x", "y", "z"} and face >= {_INDICES, "label"}
