@@ -10,6 +10,9 @@ from dsmap.kernels.launch import Slice, launch_items
 from dsmap.kernels.pixel_min import key_buffer, make_key, merge_keys
 from dsmap.kernels.types import SurfelMap
 
+_OTHER_NORMAL = wp.constant(1.0e6)
+"""Added to the squared ray distance [m^2] of a surfel that only fits by position."""
+
 
 @wp.struct
 class Gates:
@@ -59,11 +62,14 @@ def _claim(
         gate = wp.max(gates.along, gates.along_z2 * v[2] * v[2])
         if along * along >= gate * gate * length2:
             continue
-        if wp.dot(normal_map[y, x], rotate(T_camera_world, normal[i])) <= gates.cos_angle:
+        cos_angle = wp.dot(normal_map[y, x], rotate(T_camera_world, normal[i]))
+        if cos_angle <= 0.0:
             continue
         # The squared distance to the ray orders surfels as the distance does.
-        off = wp.cross(p, view)
-        wp.atomic_min(keys, s.index, y * camera.width + x, make_key(wp.length_sq(off) / length2, i))
+        value = wp.length_sq(wp.cross(p, view)) / length2
+        if cos_angle <= gates.cos_angle:
+            value += _OTHER_NORMAL
+        wp.atomic_min(keys, s.index, y * camera.width + x, make_key(value, i))
 
 
 def associate(
@@ -87,7 +93,8 @@ def associate(
     max(max_ray_distance [m], max_ray_distance_z2 [1/m] x depth^2) of the vertex along the pixel's ray and
     the normals differ by less than max_angle [rad]; of several, the one nearest to the ray wins.
     vertex, normal, edge: the frame's maps, shapes (H, W); edge pixels and pixels without a normal get none.
-    match: out, int32, shape (H, W); surfel of each pixel, -1 where there is none.
+    match: out, int32, shape (H, W); surfel of each pixel, -1 where there is none, TAKEN (-2) where one lies
+    but its normal differs (by less than 90 degrees): noise more often than another surface.
     """
     gates = Gates()
     gates.along, gates.along_z2 = max_ray_distance, max_ray_distance_z2
@@ -108,4 +115,4 @@ def associate(
         edge,
     ]
     launch_items(_claim, m.count, inputs, [keys], m.device)
-    merge_keys(keys, match)
+    merge_keys(keys, match, limit=_OTHER_NORMAL)

@@ -76,7 +76,7 @@ def _find_new(
     y = s.first + row
     for x in range(lane, camera.width, s.step):
         new = int(0)
-        if match[y, x] < 0 and edge[y, x] == wp.uint8(0):
+        if match[y, x] == -1 and edge[y, x] == wp.uint8(0):
             v = vertex_map[y, x]
             n = normal_map[y, x]
             measured = v[2] > 0.0 and wp.dot(n, n) > 0.0
@@ -183,11 +183,11 @@ def fuse_frame(
     makes the mean follow newer frames). A sample much coarser than the surfel, seen from further away or
     at a flatter angle, only confirms it (weight and time): averaging it in would wash out detail.
 
-    An unmatched pixel with a normal, off depth edges, becomes a surfel, unless a matched surfel of its
-    3x3 neighbourhood lies within one pixel footprint d/f of it along the surface. Without that rule every
-    small motion leaves pixels without a surfel of their own and the map fills with copies; with it there
-    is about one surfel a pixel of the finest view. New surfels are appended in image order.
-    match: int32, shape (H, W), from `associate`; time: frame number.
+    A pixel that no surfel fits (-1), with a normal and off depth edges, becomes a surfel, unless a matched
+    surfel of its 3x3 neighbourhood lies within one pixel footprint d/f of it along the surface. Without
+    that rule every small motion leaves pixels without a surfel of their own and the map fills with
+    copies; with it there is about one surfel a pixel of the finest view. New surfels are appended in
+    image order. match: int32, shape (H, W), from `associate`; time: frame number.
     """
     m, device, shape = surfels, surfels.device, match.shape
     to_world, from_world = to_transform(T_world_camera), to_transform(np.linalg.inv(T_world_camera))

@@ -5,6 +5,7 @@ do not hold across slices; the images are merged by min. On CUDA there is one sl
 minimum of (value, index) pairs does not depend on the order in which surfels arrive, so neither does the map.
 """
 
+import math
 import threading
 from typing import Any
 
@@ -14,6 +15,9 @@ from dsmap.kernels.launch import Slice, launch_rows, num_slices
 
 EMPTY = wp.constant(wp.uint64(0xFFFFFFFFFFFFFFFF))
 """Key of a pixel that no surfel has asked for."""
+
+TAKEN = wp.constant(-2)
+"""Index of a pixel that was asked for, but only with values that do not win it."""
 
 _buffers = threading.local()
 
@@ -50,7 +54,7 @@ def key_value(key: wp.uint64) -> float:
 
 
 @wp.kernel(enable_backward=False)
-def _merge_rows(s: Slice, keys: wp.array2d(dtype=wp.uint64), index: wp.array2d(dtype=wp.int32)):
+def _merge_rows(s: Slice, limit: float, keys: wp.array2d(dtype=wp.uint64), index: wp.array2d(dtype=wp.int32)):
     row, lane = wp.tid()
     y = s.first + row
     width = index.shape[1]
@@ -63,13 +67,15 @@ def _merge_rows(s: Slice, keys: wp.array2d(dtype=wp.uint64), index: wp.array2d(d
         winner = int(-1)
         if best != EMPTY:
             winner = key_index(best)
+            if key_value(best) >= limit:
+                winner = TAKEN
         index[y, x] = winner
 
 
-def merge_keys(keys: wp.array, index: wp.array) -> None:
+def merge_keys(keys: wp.array, index: wp.array, limit: float = math.inf) -> None:
     """Merge the slices' keys into the winning surfel of each pixel; keys[0] holds the merged keys then.
 
-    index: out, int32, shape (H, W); -1 where no surfel asked.
+    index: out, int32, shape (H, W); -1 where no surfel asked, TAKEN where none with a value below `limit` did.
     """
     height, width = index.shape
-    launch_rows(_merge_rows, height, width, [keys], [index], index.device)
+    launch_rows(_merge_rows, height, width, [limit, keys], [index], index.device)

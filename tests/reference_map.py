@@ -115,7 +115,7 @@ def predict_model(s, camera, T, index) -> dict[str, np.ndarray]:
 def associate(s, camera, T, frame, *, max_ray_distance=0.05, max_ray_distance_z2=0.0, max_angle=0.5, t_min=0):
     """Match map, int, shape (H, W); `frame` holds NumPy maps by their FrameMaps name."""
     position, normal = into_camera(T, s)
-    best: dict[tuple[int, int], tuple[float, int]] = {}
+    best: dict[tuple[int, int], tuple[bool, float, int]] = {}
     for i, (p, n) in enumerate(zip(position, normal, strict=True)):
         at = pixel(camera, p)
         if at is None or s["weight"][i] <= 0 or s["t_updated"][i] < t_min or frame["edge"][at]:
@@ -123,12 +123,14 @@ def associate(s, camera, T, frame, *, max_ray_distance=0.05, max_ray_distance_z2
         v = frame["vertex"][at].astype(np.float64)
         ray = rays(camera)[at] / np.linalg.norm(rays(camera)[at])
         gate = max(max_ray_distance, max_ray_distance_z2 * v[2] ** 2)
-        if v[2] <= 0 or abs((p - v) @ ray) >= gate or frame["normal"][at] @ n <= np.cos(max_angle):
+        cos_angle = frame["normal"][at] @ n
+        if v[2] <= 0 or abs((p - v) @ ray) >= gate or cos_angle <= 0:
             continue
-        best[at] = min(best.get(at, (np.inf, -1)), (np.linalg.norm(np.cross(p, ray)), i))
+        other = cos_angle <= np.cos(max_angle)
+        best[at] = min(best.get(at, (True, np.inf, -1)), (other, np.linalg.norm(np.cross(p, ray)), i))
     match = np.full((camera.height, camera.width), -1)
-    for at, (_, i) in best.items():
-        match[at] = i
+    for at, (other, _, i) in best.items():
+        match[at] = -2 if other else i
     return match
 
 
@@ -162,7 +164,7 @@ def fuse_frame(s, camera, T, frame, match, *, time, max_weight=np.inf) -> dict[s
                     s[name][i] = (w * s[name][i] + a * value) / (w + a)
                 s["normal"][i] /= np.linalg.norm(s["normal"][i])
             s["weight"][i], s["t_updated"][i] = min(w + a, max_weight), time
-        elif v[2] > 0 and not frame["edge"][at] and n.any():
+        elif i == -1 and v[2] > 0 and not frame["edge"][at] and n.any():
             around = [match[b] for b in neighbours(camera, y, x) if match[b] >= 0]
             offs = [before[j] - v - n * (n @ (before[j] - v)) for j in around]
             if not any(np.linalg.norm(off) < v[2] / camera.fx for off in offs):

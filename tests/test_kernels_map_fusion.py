@@ -11,6 +11,7 @@ from dsmap.kernels.associate import associate
 from dsmap.kernels.fuse import fuse_frame
 from dsmap.kernels.index_map import render_index
 from dsmap.kernels.label import update_labels
+from dsmap.kernels.pixel_min import TAKEN
 from dsmap.kernels.prune import compact, count_dead, prune
 from dsmap.kernels.types import SurfelMap
 
@@ -40,7 +41,7 @@ def test_association_equals_its_twin(seed, options):
     T, surfels, frame, maps = scene(seed)
     match = matched(surfels, T, maps, **options).numpy()
     expected = reference_map.associate(reference_map.arrays(surfels), CAMERA, T, frame, **options)
-    assert (expected >= 0).sum() > 200
+    assert (expected >= 0).sum() > 200 and (expected == TAKEN).sum() > 20
     assert (match != expected).sum() <= 2
     chosen = match[match >= 0]
     assert len(np.unique(chosen)) == len(chosen), "a surfel serves two pixels"
@@ -80,6 +81,20 @@ def test_a_coarse_sample_confirms_but_does_not_move_a_surfel():
     after, i = surfels.numpy(), match.numpy()[match.numpy() >= 0]
     np.testing.assert_allclose(after["position"][i], before["position"][i], atol=1e-6)
     assert (after["weight"][i] > before["weight"][i]).all() and (after["t_updated"][i] == TIME).all()
+
+
+def test_a_noisy_normal_neither_moves_the_surfel_nor_adds_a_second_one():
+    T, maps = flat_frame(np.random.default_rng(0))
+    surfels = SurfelMap.empty("cpu")
+    fuse_frame(surfels, CAMERA, T, maps, matched(surfels, T, maps), time=0)
+    count, before = surfels.count, reference_map.arrays(surfels)
+    maps.normal.numpy()[:] = np.float32([np.sin(0.9), 0, -np.cos(0.9)])
+    match = matched(surfels, T, maps)
+    assert (match.numpy() == TAKEN).all()
+    assert fuse_frame(surfels, CAMERA, T, maps, match, time=1) == 0
+    np.testing.assert_allclose(surfels.numpy()["weight"], before["weight"])
+    maps.normal.numpy()[:] = np.float32([0, 0, 1])  # another surface: the back of a thin wall
+    assert fuse_frame(surfels, CAMERA, T, maps, matched(surfels, T, maps), time=1) == count
 
 
 def flat_frame(rng, noise: float = 0.0, x_offset: float = 0.0):
