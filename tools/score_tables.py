@@ -98,7 +98,7 @@ def _section(title: str, tree: dict[str, Any], rows: list[tuple[str, str]]) -> s
     reason = tree.get("reason")
     if reason and all(value in (None, reason) for value in tree.values()):
         return f"{title}\n  not scored: {reason}"
-    lines = [f"  {name:<34}{text}" for name, text in rows]
+    lines = [f"  {name:<38}{text}" for name, text in rows]
     return "\n".join([title, *lines, *([f"  {reason}"] if reason else [])])
 
 
