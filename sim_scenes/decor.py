@@ -93,7 +93,7 @@ def plant(rng: Rng, looks: Looks, height: float) -> Assembly:
     )
     for k in range(int(rng.integers(14, 24))):
         length = rng.uniform(0.4, 0.8) * (height - tall)
-        blade = cushion((0.09 * height**0.5, 0.012, length), softness=0.9)
+        blade = cushion((0.09 * height**0.5, 0.012, length), softness=0.9, rings=6)
         lean = rng.uniform(0.15, 1.0)
         turned = blade.turned(rotation_x(lean)).turned(rotation_z(k * 2.4 + rng.uniform(-0.3, 0.3)))
         piece.add(
@@ -121,7 +121,9 @@ def bowl(rng: Rng, looks: Looks) -> Assembly:
     fruit = looks.tiled("plain", ((0.8, 0.5, 0.12), (0.7, 0.15, 0.1), (0.5, 0.65, 0.2)))
     for angle in np.arange(4) * 1.7:
         piece.add(
-            cushion((0.075, 0.075, 0.07), (r * 0.42 * np.cos(angle), r * 0.42 * np.sin(angle), 0.035), 1.0),
+            cushion(
+                (0.075, 0.075, 0.07), (r * 0.42 * np.cos(angle), r * 0.42 * np.sin(angle), 0.035), 1.0, 8
+            ),
             fruit,
         )
     return piece

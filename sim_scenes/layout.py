@@ -74,19 +74,16 @@ class Layout:
             return False
         return all((rect[1] + gap <= t[0]).any() or (rect[0] - gap >= t[1]).any() for t in self.taken)
 
-    def stand(
-        self, piece: Assembly, xy: Iterable[float], yaw: float, *, force: bool = False, target: bool = True
-    ) -> bool:
-        """Stand a piece on the floor if there is room; `force` places it anyway (a chair pushed under a table)."""
+    def stand(self, piece: Assembly, xy: Iterable[float], yaw: float) -> bool:
+        """Stand a piece on the floor if there is room for it."""
         xy = np.asarray(tuple(xy), float)
         rect = self.footprint(piece, xy, yaw)
-        if not force and not self.fits(rect):
+        if not self.fits(rect):
             return False
         self.taken.append(rect)
         self.scene.place(piece, (*xy, 0.0), yaw)
-        if target:
-            low, high = piece.bounds()
-            self.scene.targets.append(np.array([*rect.mean(0), 0.3 * low[2] + 0.7 * high[2]]))
+        low, high = piece.bounds()
+        self.scene.targets.append(np.array([*rect.mean(0), 0.3 * low[2] + 0.7 * high[2]]))
         return True
 
     def against(self, piece: Assembly, wall: Wall, x: float | None = None, out: float = GAP) -> float | None:
@@ -118,6 +115,6 @@ class Layout:
             if wall.free(left, right, bottom, bottom + float(high[2])):
                 self.scene.place(piece, (*wall.point(at, float(high[1])), bottom), wall.yaw)
                 wall.busy.append((left, right, bottom, bottom + float(high[2])))
-                self.scene.targets.append(np.array([*wall.point(at, 0.0), centre]))
+                self.scene.targets.append(np.array([*wall.point(at, 0.0), min(centre, 1.25)]))
                 return True
         return False

@@ -38,6 +38,28 @@ def build_spec(scene: Scene, camera: Intrinsics) -> mujoco.MjSpec:
     return spec
 
 
+def build_model(scene: Scene, camera: Intrinsics) -> mujoco.MjModel:
+    """The compiled model, each mesh stored axis-aligned about the middle of its own box.
+
+    MuJoCo turns meshes into their principal axes of inertia, which inflates the boxes the ray tracer
+    prunes by (1.5-fold in volume) and costs precision; static scenery has no use for that.
+    """
+    model = build_spec(scene, camera).compile()
+    turn = np.empty(9)
+    for i, part in enumerate(scene.parts):
+        mesh = model.geom_dataid[i]
+        centre = part.shape.bounds().mean(0)
+        first, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
+        model.mesh_vert[first : first + count] = part.shape.vertices - centre
+        first, count = model.mesh_normaladr[mesh], model.mesh_normalnum[mesh]
+        mujoco.mju_quat2Mat(turn, model.geom_quat[i])
+        model.mesh_normal[first : first + count] = (
+            model.mesh_normal[first : first + count] @ turn.reshape(3, 3).T
+        )
+        model.geom_pos[i], model.geom_quat[i] = centre, (1, 0, 0, 0)
+    return model
+
+
 def _add_materials(spec: mujoco.MjSpec, scene: Scene) -> None:
     for name in sorted({part.material for part in scene.parts}):
         look = scene.materials[name]

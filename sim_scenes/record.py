@@ -1,10 +1,11 @@
 """Recording: a scene and a camera path become a sequence on disk, or a stream of frames in memory."""
 
+import contextlib
 import json
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
 from queue import SimpleQueue
@@ -70,6 +71,8 @@ class RenderedFrame:
     rgb: np.ndarray
     depth: np.ndarray
     """Planar depth [m], float32, with the noise asked for; 0 where there is none."""
+    true_depth: np.ndarray
+    """Planar depth [m] without noise."""
     label: np.ndarray
     instance: np.ndarray
     T_world_camera: np.ndarray
@@ -88,7 +91,9 @@ def iter_frames(scene: Scene, options: RenderOptions) -> Iterator[RenderedFrame]
         depth = image.depth
         if options.noise == "kinect":
             depth = kinect_depth(depth, camera, glass, seed=options.seed, frame=index)
-        return RenderedFrame(index / options.fps, image.rgb, depth, label, instance, poses[index])
+        return RenderedFrame(
+            index / options.fps, image.rgb, depth, image.depth, label, instance, poses[index]
+        )
 
     if jobs == 1:  # OpenGL contexts belong to the thread that made them, so no pool here.
         renderer = open_renderer(options.renderer, scene, camera)
@@ -137,6 +142,7 @@ def render_sequence(
     out: Path | str,
     options: RenderOptions,
     *,
+    clean_copy: Path | str | None = None,
     overwrite: bool = False,
     progress: Callable[[Iterable[RenderedFrame], int], Iterable[RenderedFrame]] | None = None,
 ) -> Path:
@@ -145,6 +151,7 @@ def render_sequence(
     Args:
         out: new folder, in the TUM layout with labels (docs of `dsmap.sequences.writer`), plus `mesh.ply`
             (surface with the class of every face) and `scene.json` (options and version).
+        clean_copy: a second new folder for the same recording with noise `none`, without rendering twice.
         overwrite: replace a sequence that is there.
         progress: wraps the frames (called with their number), as tqdm does.
 
@@ -154,21 +161,27 @@ def render_sequence(
     options.check()
     scene = build_scene(options.scene, options.seed)
     camera = default_camera(options.width, options.height)
-    with SequenceWriter(
-        out, camera, depth_scale=5000.0, overwrite=overwrite, depth_max=MAX_DEPTH_M
-    ) as writer:
+    targets = [(out, options)] + ([(clean_copy, replace(options, noise="none"))] if clean_copy else [])
+    with contextlib.ExitStack() as stack:
+        writers = [
+            stack.enter_context(SequenceWriter(path, camera, overwrite=overwrite, depth_max=MAX_DEPTH_M))
+            for path, _ in targets
+        ]
         frames: Iterable[RenderedFrame] = iter_frames(scene, options)
         for frame in progress(frames, options.frames) if progress else frames:
-            writer.write(
-                frame.time,
-                frame.rgb,
-                frame.depth,
-                T_world_camera=frame.T_world_camera,
-                label=frame.label,
-                instance=frame.instance,
-            )
-        write_mesh(writer.path / "mesh.ply", LabelledMesh(*scene.surface()))
-        record = {k: v for k, v in asdict(options).items() if k != "jobs"}
-        with atomic_path(writer.path / "scene.json") as path:
-            path.write_text(json.dumps({"dsmap": version("dsmap"), "options": record}, indent=2) + "\n")
-        return writer.path
+            for writer, (_, what) in zip(writers, targets, strict=True):
+                depth = frame.true_depth if what.noise == "none" else frame.depth
+                writer.write(
+                    frame.time,
+                    frame.rgb,
+                    depth,
+                    T_world_camera=frame.T_world_camera,
+                    label=frame.label,
+                    instance=frame.instance,
+                )
+    for path, what in targets:
+        write_mesh(Path(path) / "mesh.ply", LabelledMesh(*scene.surface()))
+        record = {k: v for k, v in asdict(what).items() if k != "jobs"}
+        with atomic_path(Path(path) / "scene.json") as file:
+            file.write_text(json.dumps({"dsmap": version("dsmap"), "options": record}, indent=2) + "\n")
+    return Path(out)

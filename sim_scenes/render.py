@@ -4,6 +4,7 @@
 OpenGL nor a screen. OpenGL renderers are in `render_gl`.
 """
 
+import threading
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -14,6 +15,8 @@ from dsmap.frame import Intrinsics
 from dsmap.sim_scenes.scene import Scene
 
 RENDERERS = ("warp", "mujoco", "pyrender")
+_ONE_AT_A_TIME = threading.Lock()
+"""Warp builds a kernel in Python when it is first launched: two threads at it mix up each other's code."""
 
 
 @dataclass(frozen=True)
@@ -78,41 +81,60 @@ class WarpRenderer:
     def __init__(self, scene: Scene, camera: Intrinsics) -> None:
         import warp as wp
 
-        wp.config.quiet = True
+        wp.config.log_level = wp.LOG_WARNING
         import mujoco
         import mujoco_warp
 
-        from dsmap.sim_scenes.mjcf import build_spec
+        from dsmap.sim_scenes.mjcf import build_model
 
         self._wp, self._mjw = wp, mujoco_warp
         self._shape = (camera.height, camera.width)
-        model = build_spec(scene, camera).compile()
+        self._fresh, self._default_is_cpu = True, wp.get_device().is_cpu
+        model = build_model(scene, camera)
         data = mujoco.MjData(model)
         mujoco.mj_forward(model, data)
         with wp.ScopedDevice("cpu"):
             self._model = mujoco_warp.put_model(model)
             self._data = mujoco_warp.put_data(model, data)
             self._context = mujoco_warp.create_render_context(
-                model, cam_res=(camera.width, camera.height), render_rgb=True, render_depth=True, render_seg=True,
-                use_shadows=True, use_fast_math=False, deterministic=True, shadow_light_fraction=0.12,
-            )  # fmt: skip
+                model,
+                cam_res=(camera.width, camera.height),
+                render_rgb=True,
+                render_depth=True,
+                render_seg=True,
+                use_shadows=True,
+                use_fast_math=False,
+                deterministic=True,
+                shadow_light_fraction=0.12,
+            )
             mujoco_warp.refit_bvh(self._model, self._data, self._context)
 
     def __call__(self, T_world_camera: np.ndarray) -> Image:
-        """Render from a pose, shape (4, 4)."""
-        wp, context = self._wp, self._context
-        with wp.ScopedDevice("cpu"):
-            # MuJoCo's camera looks along -z with y up.
-            self._data.cam_xmat.assign(
-                (T_world_camera[:3, :3] @ np.diag([1.0, -1.0, -1.0]))[None, None].astype(np.float32)
-            )
-            self._data.cam_xpos.assign(T_world_camera[None, None, :3, 3].astype(np.float32))
-            self._mjw.render(self._model, self._data, context)
-            packed = context.rgb_data.numpy()[0].reshape(self._shape)
-            depth = context.depth_data.numpy()[0].reshape(self._shape).copy()
-            hit = context.seg_data.numpy()[0].reshape(*self._shape, 2)
+        """Render from a pose, shape (4, 4). Renderers may run side by side, each in a thread of its own."""
+        if self._fresh or not self._default_is_cpu:
+            # Where a GPU is Warp's default, going to the CPU for a while concerns the whole process.
+            with _ONE_AT_A_TIME, self._wp.ScopedDevice("cpu"):
+                self._fresh = False
+                return self._render(T_world_camera)
+        return self._render(T_world_camera)
+
+    def _render(self, T_world_camera: np.ndarray) -> Image:
+        context = self._context
+        # MuJoCo's camera looks along -z with y up.
+        rotation = T_world_camera[:3, :3] @ np.diag([1.0, -1.0, -1.0])
+        self._data.cam_xmat.assign(rotation[None, None].astype(np.float32))
+        self._data.cam_xpos.assign(T_world_camera[None, None, :3, 3].astype(np.float32))
+        self._mjw.render(self._model, self._data, context)
+        packed = context.rgb_data.numpy()[0].reshape(self._shape)
+        depth = context.depth_data.numpy()[0].reshape(self._shape).copy()
+        hit = context.seg_data.numpy()[0].reshape(*self._shape, 2)
         rgb = np.stack([(packed >> shift) & 0xFF for shift in (16, 8, 0)], -1).astype(np.uint8)
         return Image(rgb, depth, np.ascontiguousarray(hit[..., 0], dtype=np.int32))
+
+    @property
+    def kernel_name(self) -> str:
+        """Name and hash of the compiled kernel, once a frame was rendered: equal names share one compilation."""
+        return str(self._context._megakernel.module.name)
 
     def close(self) -> None:
         """Free the model and its images."""

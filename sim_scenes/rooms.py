@@ -29,55 +29,42 @@ def build_scene(name: str, seed: int) -> Scene:
     main = int(rng.integers(4))
     window, door = ((main + rng.permutation([1, 2, 3])) % 4)[:2]
     shell.build(rng, looks, layout, int(door), int(window))
-    found = len(scene.targets)
-    ROOMS[name](rng, looks, layout, main)
-    scene.targets = scene.targets[found:] + scene.targets[:found]
+    scene.targets.insert(0, ROOMS[name](rng, looks, layout, main))
     _pictures(rng, looks, layout, 2 + int(rng.integers(3)))
     _lights(rng, looks, layout, layout.walls[int(window)])
     return scene
 
 
-def _living_room(rng: Rng, looks: Looks, layout: Layout, main: int) -> None:
+def _living_room(rng: Rng, looks: Looks, layout: Layout, main: int) -> np.ndarray:
     """The sofa faces the television across a coffee table on a rug; a dining corner; shelves; a plant."""
     wall = layout.walls[main]
     case = storage.tv_cabinet(rng, looks)
-    x = rng.uniform(-0.25, 0.25) * (wall.length - 2.2)
     decor.stand_television(rng, looks, case)
     decor.clutter(rng, looks, case, 2)
+    x = layout.against(case, wall, rng.uniform(-0.25, 0.25) * (wall.length - 2.2))
+    x = layout.against(case, wall) or 0.0 if x is None else x
     couch = furniture.sofa(rng, looks, int(rng.integers(2, 4)))
-    depth, deep = couch.size()[1], float(layout.scene.size[1 - main % 2])
-    placed = layout.against(case, wall, x)
-    across = min(deep - depth / 2 - GAP_BEHIND, rng.uniform(2.6, 3.1) + depth / 2)
-    layout.stand(couch, wall.point(x, across), wall.yaw + np.pi, force=placed is None)
-    layout.scene.targets[-1:] = []
-    layout.scene.targets.insert(0, np.array([*wall.point(x, across - 0.4), 0.5]))
+    depth, deep = float(couch.size()[1]), float(layout.scene.size[1 - main % 2])
+    against_wall = deep - depth / 2 - 0.05
+    distances = np.minimum(rng.uniform(2.6, 3.1) + depth / 2 - np.array([0, -0.3, 0.2, 0.4]), against_wall)
+    across = next((d for d in distances if layout.stand(couch, wall.point(x, d), wall.yaw + np.pi)), None)
+    if across is None:
+        layout.against(couch, layout.walls[(main + 2) % 4])
+        across = against_wall
     low_table = furniture.coffee_table(rng, looks)
     decor.clutter(rng, looks, low_table, 4)
-    layout.stand(
-        low_table,
-        wall.point(x + rng.uniform(-0.1, 0.1), across - depth / 2 - 0.75),
-        wall.yaw + rng.uniform(-0.08, 0.08),
-    )
+    at = wall.point(x + rng.uniform(-0.1, 0.1), across - depth / 2 - 0.75)
+    layout.stand(low_table, at, wall.yaw + rng.uniform(-0.08, 0.08))
     _rug(rng, looks, layout, wall, x, across - depth / 2 - 0.6)
     others = [layout.walls[(main + k) % 4] for k in rng.permutation([1, 2, 3])]
-    _fill(rng, looks, layout, others, [storage.bookshelf(rng, looks) for _ in range(2)], 4)
+    _fill(rng, layout, others, [storage.bookshelf(rng, looks) for _ in range(2)], looks, 4)
     _dining(rng, looks, layout)
-    _fill(rng, looks, layout, others, [furniture.sofa(rng, looks, 1), storage.dresser(rng, looks)], 3)
-    _fill(
-        rng,
-        looks,
-        layout,
-        others,
-        [decor.lamp(rng, looks, rng.uniform(1.35, 1.6)), decor.plant(rng, looks, rng.uniform(0.8, 1.3))],
-        0,
-    )
+    _fill(rng, layout, others, [furniture.sofa(rng, looks, 1), storage.dresser(rng, looks)], looks, 3)
+    _fill(rng, layout, others, [decor.lamp(rng, looks, rng.uniform(1.35, 1.6)), decor.plant(rng, looks, 1.1)])
+    return np.array([*at, 0.5])
 
 
-GAP_BEHIND = 0.05
-"""Air behind a sofa that stands against the far wall [m]."""
-
-
-def _bedroom(rng: Rng, looks: Looks, layout: Layout, main: int) -> None:
+def _bedroom(rng: Rng, looks: Looks, layout: Layout, main: int) -> np.ndarray:
     """A bed with its head against a wall between nightstands; wardrobe; desk with chair and monitor."""
     wall = layout.walls[main]
     bed = furniture.bed(rng, looks)
@@ -92,32 +79,31 @@ def _bedroom(rng: Rng, looks: Looks, layout: Layout, main: int) -> None:
         decor.clutter(rng, looks, stand, 2)
         layout.against(stand, wall, x + side * (width / 2 + float(stand.size()[0]) / 2 + 0.06))
     others = [layout.walls[(main + k) % 4] for k in rng.permutation([1, 2, 3])]
-    _fill(rng, looks, layout, others, [storage.wardrobe(rng, looks)], 0)
+    _fill(rng, layout, others, [storage.wardrobe(rng, looks)])
     _desk(rng, looks, layout, others)
     chest = storage.dresser(rng, looks)
     if rng.random() < 0.5:
         decor.stand_television(rng, looks, chest)
-    _fill(rng, looks, layout, others, [chest, storage.bookshelf(rng, looks)], 3)
-    _fill(rng, looks, layout, others, [furniture.sofa(rng, looks, 1)], 0)
+    _fill(rng, layout, others, [chest, storage.bookshelf(rng, looks)], looks, 3)
+    _fill(rng, layout, others, [furniture.sofa(rng, looks, 1)])
     _rug(rng, looks, layout, wall, x, 1.9)
-    _fill(
-        rng,
-        looks,
-        layout,
-        others,
-        [decor.plant(rng, looks, rng.uniform(0.7, 1.1)), decor.hamper(rng, looks)],
-        0,
-    )
-    decor_ball = decor.ball(rng, looks)
-    _scatter(rng, layout, [decor_ball, decor.carton(rng, looks)])
+    _fill(rng, layout, others, [decor.plant(rng, looks, rng.uniform(0.7, 1.1)), decor.hamper(rng, looks)])
+    _scatter(rng, layout, [decor.ball(rng, looks), decor.carton(rng, looks)])
+    return np.array([*wall.point(x, 1.2), 0.6])
 
 
 def _fill(
-    rng: Rng, looks: Looks, layout: Layout, walls: list[Wall], pieces: list[Assembly], things: int
+    rng: Rng,
+    layout: Layout,
+    walls: list[Wall],
+    pieces: list[Assembly],
+    looks: Looks | None = None,
+    things: int = 0,
 ) -> None:
-    """Stand pieces against whichever of the walls has room, each with some clutter on it."""
+    """Stand pieces against whichever of the walls has room, each with up to `things` small things on it."""
     for piece in pieces:
-        decor.clutter(rng, looks, piece, things)
+        if looks is not None:
+            decor.clutter(rng, looks, piece, things)
         for k in rng.permutation(len(walls)):
             if layout.against(piece, walls[k]) is not None:
                 break
@@ -141,9 +127,8 @@ def _dining(rng: Rng, looks: Looks, layout: Layout) -> None:
     decor.clutter(rng, looks, board, 3)
     layout.stand(board, xy, yaw)
     table_rect = layout.taken.pop()
-    model = int(rng.integers(2**31))
+    seat = furniture.chair(rng, looks)
     for side in rng.permutation(4)[: int(rng.integers(3, 5))]:
-        seat = furniture.chair(np.random.default_rng(model), looks)
         angle = yaw + side * np.pi / 2
         reach = (depth if side % 2 == 0 else width) / 2 + rng.uniform(0.08, 0.22)
         at = xy + reach * np.array([np.sin(angle), -np.cos(angle)])
@@ -166,14 +151,14 @@ def _desk(rng: Rng, looks: Looks, layout: Layout, walls: list[Wall]) -> None:
     decor.clutter(rng, looks, desk, 3)
     for k in rng.permutation(len(walls)):
         x = layout.against(desk, walls[k])
-        if x is not None:
-            seat = furniture.office_chair(rng, looks) if rng.random() < 0.6 else furniture.chair(rng, looks)
-            layout.stand(
-                seat,
-                walls[k].point(x + rng.uniform(-0.15, 0.15), depth + rng.uniform(0.28, 0.4)),
-                walls[k].yaw + np.pi + rng.uniform(-0.5, 0.5),
-            )
-            return
+        if x is None:
+            continue
+        seat = furniture.office_chair(rng, looks) if rng.random() < 0.6 else furniture.chair(rng, looks)
+        for out in (0.36, 0.42, 0.5, 0.6):
+            at = walls[k].point(x + rng.uniform(-0.15, 0.15), depth + out)
+            if layout.stand(seat, at, walls[k].yaw + np.pi + rng.uniform(-0.4, 0.4)):
+                return
+        return
 
 
 def _rug(rng: Rng, looks: Looks, layout: Layout, wall: Wall, x: float, out: float) -> None:
@@ -204,7 +189,7 @@ def _pictures(rng: Rng, looks: Looks, layout: Layout, count: int) -> None:
 
 
 def _lights(rng: Rng, looks: Looks, layout: Layout, window: Wall) -> None:
-    """A ceiling lamp, daylight from the window, a weak third light, and three shadowless fill lights.
+    """A ceiling lamp, daylight from the window, and, without shadows, a weak third light and three fill lights.
 
     Always the same number and kinds of lights: the ray tracer is compiled for that number.
     """
@@ -214,12 +199,12 @@ def _lights(rng: Rng, looks: Looks, layout: Layout, window: Wall) -> None:
     decor.add_ceiling_lamp(rng, looks, hanging, height)
     scene.place(hanging, (*spot, 0.0))
     warm, cool = np.array([1.0, 0.93, 0.82]), np.array([0.9, 0.96, 1.0])
-    day = rng.uniform(0.2, 0.4)
-    evening = rng.uniform(0.25, 0.4)
+    day = rng.uniform(0.25, 0.45)
+    evening = rng.uniform(0.32, 0.48)
     third = window.point(rng.uniform(-1, 1), rng.uniform(0.5, 0.8) * float(scene.size[0]) * 0.6)
 
-    def point(xy: np.ndarray, z: float, colour: np.ndarray, power: float) -> Light:
-        return Light(np.array([*xy, z]), colour * power, colour * power * 0.5)
+    def point(xy: np.ndarray, z: float, colour: np.ndarray, power: float, shadow: bool = True) -> Light:
+        return Light(np.array([*xy, z]), colour * power, colour * power * 0.5, None, shadow)
 
     def fill(direction: tuple[float, float, float], power: float) -> Light:
         unit = np.array(direction) / np.linalg.norm(direction)
@@ -228,16 +213,16 @@ def _lights(rng: Rng, looks: Looks, layout: Layout, window: Wall) -> None:
     scene.lights = [
         point(spot, height - 0.52, warm, evening),
         point(window.point(0.0, 0.35), 1.9, cool, day),
-        point(third, height - 0.25, warm, rng.uniform(0.08, 0.18)),
+        point(third, height - 0.25, warm, rng.uniform(0.06, 0.12), False),
         fill((0.3, 0.2, -1.0), 0.1),
         fill((-0.9, 0.5, 0.4), 0.08),
         fill((0.3, -0.5, 1.0), 0.2),
     ]
-    scene.ambient = np.full(3, rng.uniform(0.25, 0.32))
+    scene.ambient = np.full(3, rng.uniform(0.28, 0.36))
 
 
-ROOMS: dict[str, Callable[[Rng, Looks, Layout, int], None]] = {
+ROOMS: dict[str, Callable[[Rng, Looks, Layout, int], np.ndarray]] = {
     "living_room": _living_room,
     "bedroom": _bedroom,
 }
-"""Name of a room to the function that furnishes it."""
+"""Name of a room to the function that furnishes it and returns the point to look at first."""

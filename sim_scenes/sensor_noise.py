@@ -33,7 +33,7 @@ def kinect_depth(
 
     In order: edges jitter sideways by about half a pixel; disparity gets spatially correlated noise of
     Nguyen's standard deviation and is quantised to 1/8 px; depth is lost at grazing angles, beside depth
-    edges (the projector's shadow on their left side is wider), on glass, and out of range.
+    edges, in the projector's shadow (on the left of near objects), on glass, and out of range.
 
     Args:
         depth: true planar depth [m], (H, W); 0 where nothing is.
@@ -60,9 +60,7 @@ def kinect_depth(
     noisy = BASELINE_M * focal / np.maximum(disparity, step)
     edge = _edges(depth)
     lost = cv2.dilate(edge, np.ones((3, 3), np.uint8)) & (rng.random((height, width), np.float32) < 0.55)
-    shadow = np.zeros((3, 7), np.uint8)
-    shadow[:, :4] = 1
-    lost |= cv2.dilate(_falls_left(depth), shadow) & (rng.random((height, width), np.float32) < 0.8)
+    valid &= ~_projector_shadow(shifted, BASELINE_M * focal)
     valid &= (cosine > np.cos(np.radians(GRAZING_DEG))) & (lost == 0) & (noisy < RANGE_M[1])
     # Far and dim returns drop out at random, in patches.
     valid &= ~((z > 4.2) & (_correlated(rng, height, width, 2 * scale) > 5.5 - z))
@@ -112,8 +110,13 @@ def _edges(depth: np.ndarray) -> np.ndarray:
     return (depth - low > 0.04 * np.maximum(depth, 0.1)).astype(np.uint8)
 
 
-def _falls_left(depth: np.ndarray) -> np.ndarray:
-    """1 at far pixels whose right neighbour is much nearer: the projector's shadow falls there, uint8."""
-    mask = np.zeros(depth.shape, np.uint8)
-    mask[:, :-1] = depth[:, :-1] - depth[:, 1:] > 0.06 * np.maximum(depth[:, :-1], 0.1)
-    return mask
+def _projector_shadow(depth: np.ndarray, baseline_focal: float) -> np.ndarray:
+    """Pixels that the projector, a baseline to the right of the camera, cannot light; bool (H, W).
+
+    A pixel x appears in the projector at x - b f / z; it lies in shadow where a pixel further right
+    appears further left. Bands of up to 20 px on the left of near objects follow.
+    """
+    column = np.arange(depth.shape[1], dtype=np.float32)[None]
+    seen = np.where(depth > 0, column - baseline_focal / np.maximum(depth, 0.1), np.float32(np.inf))
+    nearest = np.minimum.accumulate(seen[:, ::-1], axis=1)[:, ::-1]
+    return np.isfinite(seen) & (seen > nearest + 0.5)

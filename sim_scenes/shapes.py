@@ -164,10 +164,18 @@ def _grid_faces(rows: int, columns: int) -> np.ndarray:
     return np.concatenate([np.stack([a, b, c], -1).reshape(-1, 3), np.stack([a, c, d], -1).reshape(-1, 3)])
 
 
-def cushion(size: Sequence[float], at: Sequence[float] = (0, 0, 0), softness: float = 0.5) -> Shape:
-    """A soft box (superellipsoid) of full `size`, bottom centre at `at`; softness 0.1 boxy .. 1 ellipsoid."""
+def cushion(
+    size: Sequence[float], at: Sequence[float] = (0, 0, 0), softness: float = 0.5, rings: int = 16
+) -> Shape:
+    """A soft box (superellipsoid) of full `size`, bottom centre at `at`; softness 0.1 boxy .. 1 ellipsoid.
+
+    `rings` faces from pole to pole, twice as many around.
+    """
     half = np.asarray(size, float) / 2
-    latitude, longitude = np.linspace(-np.pi / 2, np.pi / 2, 17), np.linspace(-np.pi, np.pi, 33)
+    latitude, longitude = (
+        np.linspace(-np.pi / 2, np.pi / 2, rings + 1),
+        np.linspace(-np.pi, np.pi, 2 * rings + 1),
+    )
     lat, lon = np.meshgrid(latitude, longitude, indexing="ij")
 
     def power(x: np.ndarray) -> np.ndarray:
@@ -182,7 +190,7 @@ def cushion(size: Sequence[float], at: Sequence[float] = (0, 0, 0), softness: fl
         -1,
     )
     points = (unit * half).reshape(-1, 3)
-    faces = _grid_faces(17, 33)
+    faces = _grid_faces(rings + 1, 2 * rings + 1)
     corner = points[faces]
     area = np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1)
     uv = points[:, :2] * [1, -1] + np.stack([np.zeros(len(points)), -points[:, 2]], 1)

@@ -129,14 +129,14 @@ def _window(rng: Rng, looks: Looks, layout: Layout, wall: Wall) -> Opening:
     foot, top = (0.04 if rng.random() < 0.6 else low - 0.25), high + 0.12
     for side in (-1, 1):
         piece.add(
-            _curtain(rng, curtain_width, top - foot).moved((side * (width / 2 + 0.02), -0.12, foot)), cloth
+            _curtain(rng, curtain_width, top - foot).moved((side * (width / 2 + 0.02), -0.15, foot)), cloth
         )
     rod = cylinder(0.014, width + 2 * curtain_width + 0.1, sides=16).turned(
         np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]])
     )
-    piece.add(rod.moved((-(width / 2 + curtain_width + 0.05), -0.12, top + 0.012)), looks.metal)
+    piece.add(rod.moved((-(width / 2 + curtain_width + 0.05), -0.15, top + 0.012)), looks.metal)
     layout.scene.place(piece, (*wall.point(x, 0), 0), wall.yaw)
-    layout.scene.targets.append(np.array([*wall.point(x, 0.0), (low + high) / 2]))
+    layout.scene.targets.append(np.array([*wall.point(x, 0.0), 1.25]))
     reach = width / 2 + curtain_width
     wall.busy.append((x - reach, x + reach, low - 0.1, top + 0.1))
     for side in (-1, 1):

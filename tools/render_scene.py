@@ -32,6 +32,8 @@ class Args:
     """Layout, sizes, colours, textures, lights, camera path and noise all follow from it."""
     noise: Literal["none", "kinect"] = "none"
     """Depth noise: none, or like a Kinect v1 (colour and poses stay the same)."""
+    clean_copy: Path | None = None
+    """With --noise kinect: a second folder for the same recording without noise, rendered only once."""
     path: Literal["walk", "views"] = "walk"
     """walk = a hand-held video; views = unrelated viewpoints, for training a network."""
     renderer: Literal["warp", "mujoco", "pyrender"] = "warp"
@@ -46,9 +48,17 @@ def main(args: Args) -> None:
     """Render and say what was written."""
     width, height = parse_size(args.size) or (640, 480)
     options = RenderOptions(
-        scene=args.scene, seed=args.seed, frames=args.frames, width=width, height=height, fps=args.fps, noise=args.noise,
-        path=args.path, renderer=args.renderer, jobs=args.jobs or len(os.sched_getaffinity(0)),
-    )  # fmt: skip
+        scene=args.scene,
+        seed=args.seed,
+        frames=args.frames,
+        width=width,
+        height=height,
+        fps=args.fps,
+        noise=args.noise,
+        path=args.path,
+        renderer=args.renderer,
+        jobs=args.jobs or len(os.sched_getaffinity(0)),
+    )
 
     def progress(frames: Iterable[RenderedFrame], total: int) -> Iterable[RenderedFrame]:
         print(
@@ -57,7 +67,9 @@ def main(args: Args) -> None:
         )
         return tqdm(frames, total=total, unit="frame", disable=None)
 
-    out = render_sequence(args.out, options, overwrite=args.overwrite, progress=progress)
+    out = render_sequence(
+        args.out, options, clean_copy=args.clean_copy, overwrite=args.overwrite, progress=progress
+    )
     print(
         f"{out}: {args.frames} frames of {args.scene} seed {args.seed}, {width}x{height}, depth noise: {args.noise}"
     )
