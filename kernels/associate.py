@@ -6,7 +6,7 @@ import numpy as np
 import warp as wp
 
 from dsmap.kernels.camera import Camera, pixel_of, project, ray, rotate, to_transform, transform
-from dsmap.kernels.launch import Slice, launch_items
+from dsmap.kernels.launch import Slice, launch_items, launch_rows
 from dsmap.kernels.pixel_min import key_buffer, make_key, merge_keys
 from dsmap.kernels.types import SurfelMap
 
@@ -25,6 +25,23 @@ class Gates:
 
 
 @wp.kernel(enable_backward=False)
+def _pack(
+    s: Slice,
+    vertex: wp.array2d(dtype=wp.vec3),
+    normal: wp.array2d(dtype=wp.vec3),
+    edge: wp.array2d(dtype=wp.uint8),
+    packed: wp.array2d(dtype=wp.vec4),
+):
+    # What a surfel asks of its pixel, in one cache line; depth 0 where it may not have the pixel.
+    row, lane = wp.tid()
+    y = s.first + row
+    for x in range(lane, packed.shape[1], s.step):
+        n = normal[y, x]
+        z = vertex[y, x][2]
+        packed[y, x] = wp.vec4(n[0], n[1], n[2], wp.where(edge[y, x] == wp.uint8(0), z, 0.0))
+
+
+@wp.kernel(enable_backward=False)
 def _claim(
     s: Slice,
     camera: Camera,
@@ -34,9 +51,7 @@ def _claim(
     normal: wp.array(dtype=wp.vec3),
     weight: wp.array(dtype=wp.float32),
     t_updated: wp.array(dtype=wp.int32),
-    vertex_map: wp.array2d(dtype=wp.vec3),
-    normal_map: wp.array2d(dtype=wp.vec3),
-    edge: wp.array2d(dtype=wp.uint8),
+    frame: wp.array2d(dtype=wp.vec4),
     keys: wp.array2d(dtype=wp.uint64),
 ):
     block = s.first + wp.tid()
@@ -53,16 +68,17 @@ def _claim(
         y = pixel_of(u[1])
         if x >= camera.width or y >= camera.height:
             continue
-        v = vertex_map[y, x]
-        if v[2] <= 0.0 or edge[y, x] != wp.uint8(0):
+        f = frame[y, x]
+        d = f[3]
+        if d <= 0.0:
             continue
         view = ray(camera, float(x), float(y))
         length2 = wp.length_sq(view)
-        along = wp.dot(p - v, view)
-        gate = wp.max(gates.along, gates.along_z2 * v[2] * v[2])
+        along = wp.dot(p - d * view, view)
+        gate = wp.max(gates.along, gates.along_z2 * d * d)
         if along * along >= gate * gate * length2:
             continue
-        cos_angle = wp.dot(normal_map[y, x], rotate(T_camera_world, normal[i]))
+        cos_angle = wp.dot(wp.vec3(f[0], f[1], f[2]), rotate(T_camera_world, normal[i]))
         if cos_angle <= 0.0:
             continue
         # The squared distance to the ray orders surfels as the distance does.
@@ -102,17 +118,8 @@ def associate(
     T_camera_world = to_transform(np.linalg.inv(T_world_camera))
     m = surfels
     keys = key_buffer(camera.height, camera.width, m.device)
-    inputs = [
-        camera,
-        T_camera_world,
-        gates,
-        m.position,
-        m.normal,
-        m.weight,
-        m.t_updated,
-        vertex,
-        normal,
-        edge,
-    ]
+    packed = wp.empty(edge.shape, dtype=wp.vec4, device=m.device)
+    launch_rows(_pack, *edge.shape, [vertex, normal, edge], [packed], m.device)
+    inputs = [camera, T_camera_world, gates, m.position, m.normal, m.weight, m.t_updated, packed]
     launch_items(_claim, m.count, inputs, [keys], m.device)
     merge_keys(keys, match, limit=_OTHER_NORMAL)

@@ -19,6 +19,9 @@ WHOLE_FROM = wp.constant(2.2)
 """Discs whose shorter half-axis is at least this [px] are drawn whole: centres may be 1.5 pixels apart."""
 MAX_SPLAT = wp.constant(3)
 """Half-width [px] of the largest whole disc: one seen from very near is cut to 7 x 7 pixels."""
+_STEPS = wp.types.vector(9, wp.int32)
+_STEP_X = wp.constant(_STEPS(0, 0, -1, 1, 0, -1, 1, -1, 1))
+_STEP_Y = wp.constant(_STEPS(0, -1, 0, 0, 1, -1, -1, 1, 1))
 UNSTABLE_PENALTY = 0.05
 """An unstable surfel fills holes, but hides no stable surfel within this distance [m] behind it."""
 ALWAYS = 2**31 - 1
@@ -138,6 +141,7 @@ def _best_around(
     select: Visible,
     x: int,
     y: int,
+    front: float,
     keys: wp.array2d(dtype=wp.uint64),
     position: wp.array(dtype=wp.vec3),
     normal: wp.array(dtype=wp.vec3),
@@ -150,8 +154,12 @@ def _best_around(
     best = int(-1)
     best_depth = float(0.0)
     best_off = float(0.0)
-    for yy in range(wp.max(y - 1, 0), wp.min(y + 2, camera.height)):
-        for xx in range(wp.max(x - 1, 0), wp.min(x + 2, camera.width)):
+    for k in range(9):
+        # The pixel itself and its four neighbours first; the corners only if none of them is in front.
+        xx = x + _STEP_X[k]
+        yy = y + _STEP_Y[k]
+        inside = xx >= 0 and yy >= 0 and xx < camera.width and yy < camera.height
+        if inside and (k < 5 or best < 0 or best_depth > front + _thickness(front)):
             key = keys[0, yy * camera.width + xx]
             if key != EMPTY:
                 i = key_index(key)
@@ -161,8 +169,7 @@ def _best_around(
                 if towards < 0.0:
                     z = wp.dot(n, p) / towards
                     off = wp.length_sq(z * view - p)
-                    own = xx == x and yy == y
-                    if own or (off <= radius[i] * radius[i] and z <= select.max_depth):
+                    if k == 0 or (off <= radius[i] * radius[i] and z <= select.max_depth):
                         depth = _rank_depth(select, z, weight[i])
                         slack = _thickness(best_depth)
                         nearer = depth < best_depth + slack and off < best_off
@@ -204,7 +211,9 @@ def _select(
         if own != EMPTY and key_value(own) <= key_value(front) + _thickness(key_value(front)):
             seen = key_index(own)
         elif front != EMPTY:
-            seen = _best_around(camera, T_world_camera, select, x, y, keys, position, normal, weight, radius)
+            seen = _best_around(
+                camera, T_world_camera, select, x, y, key_value(front), keys, position, normal, weight, radius
+            )
         index[y, x] = seen
 
 

@@ -86,7 +86,11 @@ def render_index(s, camera, T, *, max_depth, min_weight=0.0, stable_weight=0.0, 
             index[y, x] = candidate[y, x][1]
             continue
         best = (-1, 0.0, 0.0)
+        around.sort(key=lambda entry: abs(entry[0][0] - y) + abs(entry[0][1] - x))  # stable: row by row
         for at, (_, i) in around:
+            corner = abs(at[0] - y) + abs(at[1] - x) == 2
+            if corner and best[0] >= 0 and best[1] <= front + thickness(front):
+                continue
             hit = _hit(position[i], normal[i], view[y, x])
             if hit is None or (at != (y, x) and (hit[1] > s["radius"][i] or hit[0] > max_depth)):
                 continue
