@@ -1,5 +1,7 @@
 """How good and how honest a network is on labelled images: scores and temperature."""
 
+from typing import Any
+
 import cv2
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -59,4 +61,5 @@ def fit_temperature(segmenter: DSNetSegmenter, data: LabelledImages, *, seed: in
         scaled = z / np.exp(log_temperature)
         return float(np.mean(logsumexp(scaled, axis=1) - scaled[np.arange(len(target)), target]))
 
-    return float(np.exp(minimize_scalar(nll, bounds=(-3, 3), method="bounded").x))
+    best: Any = minimize_scalar(nll, bounds=(-3, 3), method="bounded")
+    return float(np.exp(best.x))

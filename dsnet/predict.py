@@ -19,7 +19,8 @@ class DSNetSegmenter:
     def __init__(self, model: DSNet, info: WeightsInfo, device: str = "cpu"):
         self.info = info
         self.device = torch.device(device)
-        self.model = fold_batch_norms(model).to(self.device, memory_format=torch.channels_last)
+        folded = fold_batch_norms(model).to(self.device)
+        self.model = folded.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
 
     @torch.inference_mode()
     def logits(self, rgb: np.ndarray) -> np.ndarray:

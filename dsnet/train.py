@@ -11,6 +11,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import torch
@@ -116,27 +117,24 @@ def train(
             raise InputError(f"{out}: holds a training run already, expected a new folder or --resume")
         load_checkpoint(checkpoint, state, run)
 
-    weights = torch.from_numpy(class_weights(images, config.balance)).to(device)
     loader = DataLoader(
         AugmentedStream(images, augmentation, config),
         batch_size=config.batch,
         sampler=range(state.step * config.batch, config.steps * config.batch),
         num_workers=workers,
     )
-    last = state.history[-1] if state.history else None
-    bar = tqdm(loader, initial=state.step, total=config.steps, unit="step", disable=not progress)
+    weights = torch.from_numpy(class_weights(images, config.balance)).to(device)
     started = time.monotonic() - state.seconds
     losses: list[float] = []
+    bar = tqdm(loader, initial=state.step, total=config.steps, unit="step", disable=not progress)
     for batch in bar:
         losses.append(train_step(state, batch, weights, config, device))
+        bar.set_postfix({"loss": f"{losses[-1]:.3f}", "best class_avg": f"{max(state.best, 0):.3f}"})
         if state.step % config.validate_every == 0 or state.step == config.steps:
             state.seconds = time.monotonic() - started
-            last = validate(state, held_back, out, config, float(np.mean(losses)))
+            validate(state, held_back, out, config, float(np.mean(losses)))
             save_checkpoint(checkpoint, state, run)
             losses.clear()
-        if progress:
-            shown = f"{last['class_avg']:.3f}" if last else "-"
-            bar.set_postfix(loss=f"{losses[-1] if losses else last['loss']:.3f}", class_avg=shown)
     return finish(out, held_back, run)
 
 
@@ -148,7 +146,7 @@ def new_state(net: DSNetConfig, config: TrainConfig, init: Path | None, device: 
         if info.config != net:
             raise InputError(f"{init}: network is {info.config}, expected {net}")
         model.load_state_dict(given.state_dict())
-    model = model.to(device, memory_format=torch.channels_last)
+    model = model.to(torch.device(device)).to(memory_format=torch.channels_last)  # type: ignore[call-overload]
     ema = AveragedModel(model, multi_avg_fn=get_ema_multi_avg_fn(config.ema), use_buffers=True)
     matrices = [p for p in model.parameters() if p.ndim > 1]
     vectors = [p for p in model.parameters() if p.ndim <= 1]
@@ -184,9 +182,9 @@ def train_step(state: State, batch: list[Tensor], weights: Tensor, config: Train
     return loss.item()
 
 
-def validate(state: State, data: LabelledImages, out: Path, config: TrainConfig, loss: float) -> dict:
+def validate(state: State, data: LabelledImages, out: Path, config: TrainConfig, loss: float) -> None:
     """Score the averaged weights, keep them if they are the best so far, and note the figures."""
-    model = copy.deepcopy(state.ema.module).eval()
+    model = cast(DSNet, copy.deepcopy(state.ema.module).eval())
     info = WeightsInfo(model.config, size=config.size)
     scores = score(DSNetSegmenter(copy.deepcopy(model), info, str(next(model.parameters()).device)), data)
     record = {"step": state.step, "loss": loss, "seconds": round(state.seconds, 1), **scores}
@@ -197,7 +195,6 @@ def validate(state: State, data: LabelledImages, out: Path, config: TrainConfig,
         save_weights(out / "best.safetensors", model, info)
     with atomic_path(out / "history.json") as temporary:
         temporary.write_text(json.dumps(state.history, indent=1))
-    return record
 
 
 def finish(out: Path, data: LabelledImages, run: dict) -> dict:
