@@ -59,7 +59,7 @@ def lamp(rng: Rng, looks: Looks, height: float) -> Assembly:
     shade_height, radius = (0.26, 0.2) if height > 1 else (0.18, 0.14)
     shade_image = np.broadcast_to(np.array([235, 215, 180], np.uint8), (32, 32, 3)).copy()
     shade_image[::4] = (215, 192, 155)
-    shade = looks.add("shade", Material(shade_image, 0.12, 0.0, 0.1, emission=rng.uniform(0.3, 0.5)))
+    shade = looks.add("shade", Material(shade_image, 0.12, 0.0, 0.1, emission=rng.uniform(0.15, 0.3)))
     base = 0.15 if height > 1 else 0.085
     piece.add(
         lathe(
@@ -228,7 +228,7 @@ def hamper(rng: Rng, looks: Looks) -> Assembly:
 def add_ceiling_lamp(rng: Rng, looks: Looks, piece: Assembly, height: float) -> None:
     """A pendant lamp under a ceiling of a given height [m]."""
     image = np.full((16, 16, 3), (245, 232, 205), np.uint8)
-    shade = looks.add("shade", Material(image, 0.2, 0.0, 0.1, emission=0.55))
+    shade = looks.add("shade", Material(image, 0.2, 0.0, 0.1, emission=0.35))
     radius, z = rng.uniform(0.14, 0.22), height - 0.42
     piece.add(cylinder(0.05, 0.025, (0, 0, height - 0.026), 24), looks.metal)
     piece.add(cylinder(0.006, 0.24, (0, 0, z + 0.17), 8), looks.metal)

@@ -113,7 +113,7 @@ def _window(rng: Rng, looks: Looks, layout: Layout, wall: Wall) -> Opening:
     width = min(width, wall.length - 1.4)
     x = rng.uniform(-1, 1) * max(0.0, wall.length / 2 - width / 2 - 0.6)
     piece = Assembly("window")
-    pane = looks.printed("pane", textures_art.outdoors(rng), 0.0, rng.uniform(0.55, 0.75), glass=True)
+    pane = looks.printed("pane", textures_art.outdoors(rng), 0.0, rng.uniform(0.3, 0.45), glass=True)
     tall = high - low
     piece.add(panel(width, tall, 0.02).moved((0, 0.13, low)), pane)
     for side in (-1, 1):

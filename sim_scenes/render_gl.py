@@ -1,0 +1,153 @@
+"""OpenGL renderers of the same scene: MuJoCo's own, and pyrender's with physically based materials.
+
+They rasterise with the camera of the ray tracer, so depth and classes agree with it up to the pixels on
+outlines; shading differs, and they cast no shadows. Contexts belong to the thread that made them.
+"""
+
+import numpy as np
+
+from dsmap.frame import Intrinsics
+from dsmap.sim_scenes import gl
+from dsmap.sim_scenes.mjcf import FAR, build_model
+from dsmap.sim_scenes.render import Image, Renderer
+from dsmap.sim_scenes.scene import Light, Material, Scene
+
+_FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
+"""Our camera (y down, z forward) to OpenGL's (y up, looking along -z)."""
+
+PYRENDER_NEAR = 0.2
+"""Near plane [m]: its 16-bit depth buffer resolves z^2 / (65536 near), 0.7 mm at 3 m."""
+
+
+def open_renderer(name: str, scene: Scene, camera: Intrinsics) -> Renderer:
+    """`mujoco` or `pyrender`.
+
+    Raises:
+        InputError: no OpenGL context can be had; the message says which packages bring one.
+    """
+    gl.use_egl()
+    make = MujocoRenderer if name == "mujoco" else PyrenderRenderer
+    try:
+        return make(scene, camera)
+    except (ImportError, RuntimeError, AttributeError, OSError) as error:
+        raise gl.no_context(error) from error
+
+
+class MujocoRenderer:
+    """MuJoCo's OpenGL renderer: colour (anti-aliased), depth and geom ids in three passes."""
+
+    def __init__(self, scene: Scene, camera: Intrinsics) -> None:
+        import mujoco
+
+        # MuJoCo chose its context class when it was first imported, perhaps before EGL was asked for.
+        from mujoco.egl import GLContext
+        from mujoco.rendering.classic import gl_context
+
+        gl_context.GLContext = GLContext
+        self._point, self._spot = (
+            int(mujoco.mjtLightType.mjLIGHT_POINT),
+            int(mujoco.mjtLightType.mjLIGHT_SPOT),
+        )
+        self._model = build_model(scene, camera)
+        self._data = mujoco.MjData(self._model)
+        mujoco.mj_forward(self._model, self._data)
+        self._renderer = mujoco.Renderer(self._model, camera.height, camera.width)
+
+    def __call__(self, T_world_camera: np.ndarray) -> Image:
+        """Render from a pose, shape (4, 4)."""
+        renderer, pose = self._renderer, T_world_camera @ _FLIP
+        self._data.cam_xpos[0], self._data.cam_xmat[0] = pose[:3, 3], pose[:3, :3].ravel()
+        renderer.update_scene(self._data, camera="camera")
+        for light in renderer.scene.lights[: renderer.scene.nlight]:
+            if light.type == self._point:
+                # MuJoCo 4.0 draws point lights black; OpenGL takes a spot of 180 degrees for one. A shadow
+                # map cannot cover that angle.
+                light.type, light.cutoff, light.castshadow = self._spot, 180.0, False
+                light.attenuation = (1.0, 0.0, 0.0)
+        rgb = renderer.render().copy()
+        renderer.enable_depth_rendering()
+        depth = renderer.render().astype(np.float32)
+        renderer.enable_segmentation_rendering()
+        part = renderer.render()[..., 0].astype(np.int32)
+        renderer.disable_segmentation_rendering()
+        return Image(rgb, np.where(part >= 0, depth, 0).astype(np.float32), part)
+
+    def close(self) -> None:
+        """Free the context."""
+        self._renderer.close()
+
+
+class PyrenderRenderer:
+    """pyrender: physically based shading; colour in one pass, depth and part ids in a second."""
+
+    def __init__(self, scene: Scene, camera: Intrinsics) -> None:
+        import pyrender
+        import trimesh
+
+        self._pyrender, self._shape = pyrender, (camera.height, camera.width)
+        world = pyrender.Scene(bg_color=np.zeros(4), ambient_light=0.9 * scene.ambient)
+        looks = {name: self._material(scene.materials[name]) for name in {p.material for p in scene.parts}}
+        self._codes = {}
+        for i, part in enumerate(scene.parts):
+            shape, tile = part.shape, scene.materials[part.material].tile
+            mesh = trimesh.Trimesh(shape.vertices, shape.faces, process=False)
+            primitive = pyrender.Primitive(
+                positions=shape.vertices.astype(np.float32),
+                normals=np.asarray(mesh.vertex_normals, np.float32),
+                texcoord_0=(shape.uv / tile * [1, -1] + [0, 1]).astype(np.float32),
+                indices=shape.faces.astype(np.uint32),
+                material=looks[part.material],
+            )
+            node = world.add(pyrender.Mesh([primitive]))
+            self._codes[node] = np.array([(i + 1) >> 8, (i + 1) & 255, 0], np.uint8)
+        for light in scene.lights:
+            self._add_light(world, light)
+        # pyrender counts the principal point from the image corner: pixel centres at .5.
+        lens = pyrender.IntrinsicsCamera(
+            camera.fx, camera.fy, camera.cx + 0.5, camera.cy + 0.5, PYRENDER_NEAR, FAR
+        )
+        self._camera = world.add(lens)
+        self._world = world
+        self._renderer = pyrender.OffscreenRenderer(camera.width, camera.height)
+
+    def _material(self, look: Material):
+        texture = self._pyrender.Texture(source=look.texture, source_channels="RGB")
+        return self._pyrender.MetallicRoughnessMaterial(
+            baseColorTexture=texture,
+            baseColorFactor=(1.0, 1.0, 1.0, 1.0),
+            metallicFactor=0.0,
+            roughnessFactor=float(np.clip(1.0 - 0.8 * look.shininess, 0.3, 1.0)),
+            emissiveFactor=np.full(3, look.emission),
+            emissiveTexture=texture if look.emission > 0 else None,
+        )
+
+    def _add_light(self, world, light: Light) -> None:
+        power = float(light.diffuse.max())
+        if power <= 0:
+            return
+        pose = np.eye(4)
+        if light.direction is None:
+            pose[:3, 3] = light.position
+            # Falls off with the square of the distance: as bright as the ray tracer's light at 2.2 m.
+            source = self._pyrender.PointLight(light.diffuse / power, intensity=power * np.pi * 2.2**2)
+        else:
+            z = -light.direction
+            x = np.cross([0.3, 0.9, 0.1], z)
+            pose[:3, 0] = x / np.linalg.norm(x)
+            pose[:3, 2], pose[:3, 1] = z, np.cross(z, pose[:3, 0])
+            source = self._pyrender.DirectionalLight(light.diffuse / power, intensity=power * np.pi)
+        world.add(source, pose=pose)
+
+    def __call__(self, T_world_camera: np.ndarray) -> Image:
+        """Render from a pose, shape (4, 4)."""
+        self._world.set_pose(self._camera, T_world_camera @ _FLIP)
+        rgb, _ = self._renderer.render(self._world)
+        # The colour pass is multi-sampled, its depth off the pixel's centre; this one is not.
+        flags = self._pyrender.RenderFlags.SEG
+        code, depth = self._renderer.render(self._world, flags=flags, seg_node_map=self._codes)
+        part = code[..., 0].astype(np.int32) * 256 + code[..., 1] - 1
+        return Image(np.ascontiguousarray(rgb), np.where(part >= 0, depth, 0).astype(np.float32), part)
+
+    def close(self) -> None:
+        """Free the context."""
+        self._renderer.delete()
