@@ -105,6 +105,10 @@ class SurfelMap:
         """The surfels in use, by array name; views without a copy on the CPU."""
         return {name: getattr(self, name).numpy()[: self.count] for name in ARRAYS}
 
+    def torch(self) -> dict[str, Any]:
+        """The surfels in use as torch tensors on the same memory, by array name (needs torch)."""
+        return {name: wp.to_torch(getattr(self, name), requires_grad=False)[: self.count] for name in ARRAYS}
+
 
 ARRAYS = tuple(field.name for field in fields(SurfelMap) if field.name != "count")
 """Names of the arrays of a SurfelMap."""

@@ -2,7 +2,6 @@
 
 import dataclasses
 import math
-import os
 import sys
 import time
 from dataclasses import dataclass, field
@@ -23,6 +22,8 @@ from dsmap.tools.segmenters import SegmenterSpec, make_segmenter
 
 STRIP_FRAMES = 4
 """Frames shown in the strip picture, spread over the sequence."""
+LOG_EVERY = 20
+"""Without a terminal: frames between two lines of progress."""
 INTERRUPTED = 130
 """Exit code after Ctrl-C, as shells expect; everything so far is written."""
 
@@ -155,7 +156,7 @@ def run(mapper: Mapper, sequence: Sequence) -> tuple[list[tuple[int, StepResult]
     shown: list[tuple[int, StepResult]] = []
     times, position_of = sequence.times, {entry.index: i for i, entry in enumerate(sequence.entries)}
     positions = set(np.linspace(0, len(sequence) - 1, STRIP_FRAMES + 2).astype(int)[1:-1].tolist())
-    bar = tqdm(total=len(sequence), unit="frame", disable=None if os.environ.get("CI") is None else True)
+    bar = tqdm(total=len(sequence), unit="frame", disable=None)  # None: off where stderr is no terminal
     try:
         for frame in sequence:
             position = position_of[frame.index]
@@ -167,6 +168,11 @@ def run(mapper: Mapper, sequence: Sequence) -> tuple[list[tuple[int, StepResult]
             state = "ok" if result.tracked else f"LOST: {result.reason}"
             bar.set_postfix_str(f"{mapper.surfels.count:,} surfels, {state}", refresh=False)
             bar.update(position + 1 - bar.n)
+            if bar.disable and (position + 1) % LOG_EVERY == 0:
+                print(
+                    f"frame {position + 1} of {len(sequence)}: {mapper.surfels.count:,} surfels, {state}",
+                    file=sys.stderr,
+                )
     except KeyboardInterrupt:
         print("\nstopped: writing what is there so far", file=sys.stderr)
         return shown, True
