@@ -5,7 +5,7 @@ import math
 import numpy as np
 import warp as wp
 
-from dsmap.kernels.camera import Camera, pixel_of, project, ray, rotate, to_transform, transform
+from dsmap.kernels.camera import Camera, pixel_at, ray, rotate, to_transform, transform
 from dsmap.kernels.launch import Slice, launch_items, launch_rows
 from dsmap.kernels.pixel_min import key_buffer, make_key, merge_keys
 from dsmap.kernels.types import SurfelMap
@@ -59,14 +59,10 @@ def _claim(
         if weight[i] <= 0.0 or t_updated[i] < gates.t_min:
             continue
         p = transform(T_camera_world, position[i])
-        if p[2] <= 0.0:
-            continue
-        u = project(camera, p)
-        if u[0] < -0.5 or u[1] < -0.5 or u[0] >= float(camera.width) or u[1] >= float(camera.height):
-            continue
-        x = pixel_of(u[0])
-        y = pixel_of(u[1])
-        if x >= camera.width or y >= camera.height:
+        at = pixel_at(camera, p)
+        x = at[0]
+        y = at[1]
+        if x < 0:
             continue
         f = frame[y, x]
         d = f[3]

@@ -46,6 +46,22 @@ def pixel_of(coordinate: float) -> int:
 
 
 @wp.func
+def pixel_at(camera: Camera, p: wp.vec3) -> wp.vec2i:
+    """(x, y) of the pixel that a camera-frame point projects to; (-1, -1) outside the image or behind it."""
+    outside = wp.vec2i(-1, -1)
+    if p[2] <= 0.0:
+        return outside
+    u = project(camera, p)
+    # Before the conversion, which is undefined for values beyond the integers.
+    if u[0] < -0.5 or u[1] < -0.5 or u[0] >= float(camera.width) or u[1] >= float(camera.height):
+        return outside
+    at = wp.vec2i(pixel_of(u[0]), pixel_of(u[1]))
+    if at[0] >= camera.width or at[1] >= camera.height:
+        return outside
+    return at
+
+
+@wp.func
 def ray(camera: Camera, x: float, y: float) -> wp.vec3:
     """Viewing ray K^-1 (x, y, 1) with z = 1."""
     return wp.vec3((x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy, 1.0)

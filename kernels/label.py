@@ -7,7 +7,7 @@ import warp as wp
 
 from dsmap.classes import NUM_CLASSES
 from dsmap.errors import InputError
-from dsmap.kernels.camera import Camera, pixel_of, project, to_transform, transform
+from dsmap.kernels.camera import Camera, pixel_at, to_transform, transform
 from dsmap.kernels.launch import Slice, launch_items, launch_rows
 from dsmap.kernels.types import NUM_EVIDENCE, SurfelMap
 
@@ -85,14 +85,10 @@ def _observe(
         if weight[i] <= 0.0 or t_updated[i] < gate.t_min:
             continue
         p = transform(T_camera_world, position[i])
-        if p[2] <= 0.0:
-            continue
-        u = project(camera, p)
-        if u[0] < -0.5 or u[1] < -0.5 or u[0] >= float(camera.width) or u[1] >= float(camera.height):
-            continue
-        x = pixel_of(u[0])
-        y = pixel_of(u[1])
-        if x >= camera.width or y >= camera.height:
+        at = pixel_at(camera, p)
+        x = at[0]
+        y = at[1]
+        if x < 0:
             continue
         d = depth[y, x]
         if d <= 0.0 or edge[y, x] != wp.uint8(0):

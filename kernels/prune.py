@@ -3,7 +3,7 @@
 import numpy as np
 import warp as wp
 
-from dsmap.kernels.camera import Camera, pixel_of, project, to_transform, transform
+from dsmap.kernels.camera import Camera, pixel_at, to_transform, transform
 from dsmap.kernels.launch import Slice, launch_items, num_slices
 from dsmap.kernels.types import ARRAYS, SurfelMap
 
@@ -31,17 +31,11 @@ def _seen_through(
     edge: wp.array2d(dtype=wp.uint8),
 ) -> bool:
     """Whether the measured surface lies clearly behind a camera-frame point."""
-    if p[2] <= 0.0:
+    at = pixel_at(camera, p)
+    if at[0] < 0:
         return False
-    u = project(camera, p)
-    if u[0] < -0.5 or u[1] < -0.5 or u[0] >= float(camera.width) or u[1] >= float(camera.height):
-        return False
-    x = pixel_of(u[0])
-    y = pixel_of(u[1])
-    if x >= camera.width or y >= camera.height:
-        return False
-    d = depth[y, x]
-    if d <= 0.0 or d > rules.max_depth or edge[y, x] != wp.uint8(0):
+    d = depth[at[1], at[0]]
+    if d <= 0.0 or d > rules.max_depth or edge[at[1], at[0]] != wp.uint8(0):
         return False
     return d - p[2] > wp.max(rules.margin, rules.margin_z2 * d * d)
 
