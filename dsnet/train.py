@@ -17,7 +17,7 @@ import numpy as np
 import torch
 import torch.nn.functional as F
 from torch import Tensor
-from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
+from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn, update_bn
 from torch.utils.data import DataLoader, Dataset
 from tqdm import tqdm
 
@@ -38,6 +38,9 @@ from dsmap.dsnet.model import DSNet, to_input
 from dsmap.dsnet.predict import DSNetSegmenter
 from dsmap.errors import InputError
 from dsmap.files import atomic_path
+
+BN_IMAGES = 256
+"""Training images that the batch norms of averaged weights are measured on."""
 
 
 class AugmentedStream(Dataset):
@@ -117,8 +120,9 @@ def train(
             raise InputError(f"{out}: holds a training run already, expected a new folder or --resume")
         load_checkpoint(checkpoint, state, run)
 
+    stream = AugmentedStream(images, augmentation, config)
     loader = DataLoader(
-        AugmentedStream(images, augmentation, config),
+        stream,
         batch_size=config.batch,
         sampler=range(state.step * config.batch, config.steps * config.batch),
         num_workers=workers,
@@ -132,7 +136,8 @@ def train(
         bar.set_postfix({"loss": f"{losses[-1]:.3f}", "best class_avg": f"{max(state.best, 0):.3f}"})
         if state.step % config.validate_every == 0 or state.step == config.steps:
             state.seconds = time.monotonic() - started
-            validate(state, held_back, out, config, float(np.mean(losses)))
+            model = averaged_model(state, stream)
+            validate(state, model, held_back, out, config, float(np.mean(losses)))
             save_checkpoint(checkpoint, state, run)
             losses.clear()
     return finish(out, held_back, run)
@@ -147,7 +152,7 @@ def new_state(net: DSNetConfig, config: TrainConfig, init: Path | None, device: 
             raise InputError(f"{init}: network is {info.config}, expected {net}")
         model.load_state_dict(given.state_dict())
     model = model.to(torch.device(device)).to(memory_format=torch.channels_last)  # type: ignore[call-overload]
-    ema = AveragedModel(model, multi_avg_fn=get_ema_multi_avg_fn(config.ema), use_buffers=True)
+    ema = AveragedModel(model, multi_avg_fn=get_ema_multi_avg_fn(config.ema))
     matrices = [p for p in model.parameters() if p.ndim > 1]
     vectors = [p for p in model.parameters() if p.ndim <= 1]
     groups = [{"params": matrices}, {"params": vectors, "weight_decay": 0.0}]
@@ -182,9 +187,26 @@ def train_step(state: State, batch: list[Tensor], weights: Tensor, config: Train
     return loss.item()
 
 
-def validate(state: State, data: LabelledImages, out: Path, config: TrainConfig, loss: float) -> None:
+def averaged_model(state: State, stream: AugmentedStream) -> DSNet:
+    """The averaged weights, in eval mode, with batch norms measured anew for them.
+
+    An average of the statistics of past steps fits no weights: while the rate is high, it costs half the
+    class average. The first samples of the stream serve at every validation.
+    """
+    model = cast(DSNet, copy.deepcopy(state.ema.module))
+    device = next(model.parameters()).device
+    count = min(BN_IMAGES, len(stream))
+    batches = [range(k, min(k + stream.config.batch, count)) for k in range(0, count, stream.config.batch)]
+    torch.manual_seed(stream.config.seed)  # of dropout
+    with torch.no_grad():
+        update_bn((to_input(np.stack([stream[k][0] for k in batch])).to(device) for batch in batches), model)
+    return model.eval()
+
+
+def validate(
+    state: State, model: DSNet, data: LabelledImages, out: Path, config: TrainConfig, loss: float
+) -> None:
     """Score the averaged weights, keep them if they are the best so far, and note the figures."""
-    model = cast(DSNet, copy.deepcopy(state.ema.module).eval())
     info = WeightsInfo(model.config, size=config.size)
     scores = score(DSNetSegmenter(copy.deepcopy(model), info, str(next(model.parameters()).device)), data)
     record = {"step": state.step, "loss": loss, "seconds": round(state.seconds, 1), **scores}
