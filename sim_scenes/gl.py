@@ -1,5 +1,7 @@
 """Off-screen OpenGL on Linux: choose EGL before anything loads, and say what is missing in one sentence."""
 
+# pyright: reportAttributeAccessIssue=false
+
 import ctypes
 import os
 import sys

@@ -47,7 +47,7 @@ class Looks:
 
     def colour(self, palette: Sequence[Sequence[float]], spread: float = 0.08) -> np.ndarray:
         """A colour near one of a palette's."""
-        base = np.array(palette[self.rng.integers(len(palette))])
+        base = np.array(palette[int(self.rng.integers(len(palette)))])
         return np.clip(
             base * (1 + self.rng.uniform(-spread, spread)) + self.rng.uniform(-0.03, 0.03, 3), 0.04, 0.92
         )

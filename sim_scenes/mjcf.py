@@ -1,5 +1,8 @@
 """A scene as a MuJoCo model: one mesh geom a part, one camera, a fixed number of lights."""
 
+# pyright: reportAttributeAccessIssue=false
+# (MuJoCo fills its module at run time.)
+
 import mujoco
 import numpy as np
 

@@ -4,6 +4,9 @@
 OpenGL nor a screen. OpenGL renderers are in `render_gl`.
 """
 
+# pyright: reportAttributeAccessIssue=false
+# (MuJoCo fills its module at run time.)
+
 import threading
 from dataclasses import dataclass
 from typing import Protocol
@@ -134,8 +137,8 @@ class WarpRenderer:
     @property
     def kernel_name(self) -> str:
         """Name and hash of the compiled kernel, once a frame was rendered: equal names share one compilation."""
-        return str(self._context._megakernel.module.name)
+        return str(self._context._megakernel.module.name)  # pyright: ignore[reportOptionalMemberAccess]
 
     def close(self) -> None:
         """Free the model and its images."""
-        self._model = self._data = self._context = None
+        del self._model, self._data, self._context

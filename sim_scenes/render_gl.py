@@ -4,6 +4,9 @@ They rasterise with the camera of the ray tracer, so depth and classes agree wit
 outlines; shading differs, and they cast no shadows. Contexts belong to the thread that made them.
 """
 
+# pyright: reportAttributeAccessIssue=false
+# (MuJoCo fills its module at run time.)
+
 import numpy as np
 
 from dsmap.frame import Intrinsics
@@ -138,13 +141,17 @@ class PyrenderRenderer:
             source = self._pyrender.DirectionalLight(light.diffuse / power, intensity=power * np.pi)
         world.add(source, pose=pose)
 
+    def _render(self, flags: int) -> tuple[np.ndarray, np.ndarray]:
+        image = self._renderer.render(self._world, flags=flags, seg_node_map=self._codes)
+        assert image is not None  # only where asked to draw on a screen
+        return image
+
     def __call__(self, T_world_camera: np.ndarray) -> Image:
         """Render from a pose, shape (4, 4)."""
         self._world.set_pose(self._camera, T_world_camera @ _FLIP)
-        rgb, _ = self._renderer.render(self._world)
+        rgb, _ = self._render(self._pyrender.RenderFlags.NONE)
         # The colour pass is multi-sampled, its depth off the pixel's centre; this one is not.
-        flags = self._pyrender.RenderFlags.SEG
-        code, depth = self._renderer.render(self._world, flags=flags, seg_node_map=self._codes)
+        code, depth = self._render(self._pyrender.RenderFlags.SEG)
         part = code[..., 0].astype(np.int32) * 256 + code[..., 1] - 1
         return Image(np.ascontiguousarray(rgb), np.where(part >= 0, depth, 0).astype(np.float32), part)
 

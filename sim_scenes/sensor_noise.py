@@ -59,9 +59,11 @@ def kinect_depth(
     disparity = np.round(disparity / step) * step
     noisy = BASELINE_M * focal / np.maximum(disparity, step)
     edge = _edges(depth)
-    lost = cv2.dilate(edge, np.ones((3, 3), np.uint8)) & (rng.random((height, width), np.float32) < 0.55)
+    lost = (cv2.dilate(edge, np.ones((3, 3), np.uint8)) > 0) & (
+        rng.random((height, width), np.float32) < 0.55
+    )
     valid &= ~_projector_shadow(shifted, BASELINE_M * focal)
-    valid &= (cosine > np.cos(np.radians(GRAZING_DEG))) & (lost == 0) & (noisy < RANGE_M[1])
+    valid &= (cosine > np.cos(np.radians(GRAZING_DEG))) & ~lost & (noisy < RANGE_M[1])
     # Far and dim returns drop out at random, in patches.
     valid &= ~((z > 4.2) & (_correlated(rng, height, width, 2 * scale) > 5.5 - z))
     return np.where(valid, noisy, 0).astype(np.float32)

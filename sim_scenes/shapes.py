@@ -10,6 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+Vector = Sequence[float] | np.ndarray
+
 
 @dataclass(frozen=True)
 class Shape:
@@ -75,7 +77,7 @@ def polygons(faces: Sequence[np.ndarray]) -> Shape:
     return Shape(np.concatenate(vertices), np.array(triangles), np.concatenate(uv))
 
 
-def box(size: Sequence[float], at: Sequence[float] = (0, 0, 0), bevel: float = 0.0) -> Shape:
+def box(size: Vector, at: Vector = (0, 0, 0), bevel: float = 0.0) -> Shape:
     """A box of full `size` whose BOTTOM centre is `at`, its edges chamfered by `bevel`."""
     half = np.asarray(size, float) / 2
     centre = np.asarray(at, float) + [0, 0, half[2]]
@@ -164,9 +166,7 @@ def _grid_faces(rows: int, columns: int) -> np.ndarray:
     return np.concatenate([np.stack([a, b, c], -1).reshape(-1, 3), np.stack([a, c, d], -1).reshape(-1, 3)])
 
 
-def cushion(
-    size: Sequence[float], at: Sequence[float] = (0, 0, 0), softness: float = 0.5, rings: int = 16
-) -> Shape:
+def cushion(size: Vector, at: Vector = (0, 0, 0), softness: float = 0.5, rings: int = 16) -> Shape:
     """A soft box (superellipsoid) of full `size`, bottom centre at `at`; softness 0.1 boxy .. 1 ellipsoid.
 
     `rings` faces from pole to pole, twice as many around.

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 Rng = np.random.Generator
-Colour = Sequence[float]
+Colour = Sequence[float] | np.ndarray
 
 SIZE = 384
 """Texels along each side of a tileable texture."""

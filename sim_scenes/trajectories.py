@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.interpolate import BSpline
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from dsmap.errors import InputError
 from dsmap.sim_scenes.scene import Scene
@@ -26,7 +26,7 @@ class FreeSpace:
 
     def __init__(self, scene: Scene) -> None:
         vertices, faces, _, _ = scene.surface()
-        self._tree = cKDTree(surface_samples(vertices, faces, 0.04, np.random.default_rng(scene.seed)))
+        self._tree = KDTree(surface_samples(vertices, faces, 0.04, np.random.default_rng(scene.seed)))
         self.low = np.array([*(-scene.size[:2] / 2), 0.0]) + 0.1
         self.high = np.array([*(scene.size[:2] / 2), scene.size[2]]) - 0.1
 
