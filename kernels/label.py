@@ -58,6 +58,36 @@ def _prepare(
         valid[y, x] = ok
 
 
+@wp.func
+def _sample(
+    camera: Camera, x: int, y: int, observed: wp.array2d(dtype=vec13), valid: wp.array2d(dtype=wp.uint8)
+) -> tuple[vec13, float]:
+    """What a pixel observes, bilinear over the valid neighbours, and their share of the whole weight."""
+    width = observed.shape[1]
+    height = observed.shape[0]
+    # Both images show the same view, with integer pixel centres; the border repeats.
+    a = wp.clamp((float(x) + 0.5) * float(width) / float(camera.width) - 0.5, 0.0, float(width - 1))
+    b = wp.clamp((float(y) + 0.5) * float(height) / float(camera.height) - 0.5, 0.0, float(height - 1))
+    x0 = int(a)
+    y0 = int(b)
+    x1 = wp.min(x0 + 1, width - 1)
+    y1 = wp.min(y0 + 1, height - 1)
+    a = a - float(x0)
+    b = b - float(y0)
+    s00 = (1.0 - a) * (1.0 - b) * float(valid[y0, x0])
+    s01 = a * (1.0 - b) * float(valid[y0, x1])
+    s10 = (1.0 - a) * b * float(valid[y1, x0])
+    s11 = a * b * float(valid[y1, x1])
+    share = s00 + s01 + s10 + s11
+    per_share = 1.0 / wp.max(share, 1.0e-6)
+    e = (s00 * per_share) * observed[y0, x0]
+    if share > s00:
+        e += (s01 * per_share) * observed[y0, x1]
+        e += (s10 * per_share) * observed[y1, x0]
+        e += (s11 * per_share) * observed[y1, x1]
+    return e, share
+
+
 @wp.kernel(enable_backward=False)
 def _observe(
     s: Slice,
@@ -77,10 +107,6 @@ def _observe(
     label: wp.array(dtype=wp.uint8),
 ):
     block = s.first + wp.tid()
-    low_height = valid.shape[0]
-    low_width = valid.shape[1]
-    x_scale = float(low_width) / float(camera.width)
-    y_scale = float(low_height) / float(camera.height)
     for i in range(block * s.step, wp.min((block + 1) * s.step, s.count)):
         if weight[i] <= 0.0 or t_updated[i] < gate.t_min:
             continue
@@ -95,28 +121,9 @@ def _observe(
             continue
         if wp.abs(p[2] - d) >= wp.max(gate.max_distance, gate.max_distance_z2 * d * d):
             continue
-        # Bilinear over whole images with integer pixel centres; the border repeats.
-        a = wp.clamp((float(x) + 0.5) * x_scale - 0.5, 0.0, float(low_width - 1))
-        b = wp.clamp((float(y) + 0.5) * y_scale - 0.5, 0.0, float(low_height - 1))
-        x0 = int(a)
-        y0 = int(b)
-        x1 = wp.min(x0 + 1, low_width - 1)
-        y1 = wp.min(y0 + 1, low_height - 1)
-        a = a - float(x0)
-        b = b - float(y0)
-        s00 = (1.0 - a) * (1.0 - b) * float(valid[y0, x0])
-        s01 = a * (1.0 - b) * float(valid[y0, x1])
-        s10 = (1.0 - a) * b * float(valid[y1, x0])
-        s11 = a * b * float(valid[y1, x1])
-        share = s00 + s01 + s10 + s11
+        e, share = _sample(camera, x, y, observed, valid)
         if share < 0.5:
             continue
-        per_share = 1.0 / share
-        e = (s00 * per_share) * observed[y0, x0]
-        if share > s00:
-            e += (s01 * per_share) * observed[y0, x1]
-            e += (s10 * per_share) * observed[y1, x0]
-            e += (s11 * per_share) * observed[y1, x1]
         # Eq. 5-6 in log space: log p(l | K_1..t) = log p(l | K_t) + log p(l | K_1..t-1) - log Z.
         e += evidence[i]
         best = int(0)
