@@ -5,10 +5,10 @@ from collections.abc import Callable
 import numpy as np
 
 from dsmap.errors import InputError
-from dsmap.sim_scenes import decor, furniture, shell, storage, textures_art
+from dsmap.sim_scenes import decor, furniture, lighting, shell, storage, textures_art
 from dsmap.sim_scenes.layout import Layout, Wall
 from dsmap.sim_scenes.looks import Looks
-from dsmap.sim_scenes.scene import Assembly, Light, Scene
+from dsmap.sim_scenes.scene import Assembly, Scene
 from dsmap.sim_scenes.shapes import Shape, box
 from dsmap.sim_scenes.textures import Rng
 
@@ -31,7 +31,7 @@ def build_scene(name: str, seed: int) -> Scene:
     shell.build(rng, looks, layout, int(door), int(window))
     scene.targets.insert(0, ROOMS[name](rng, looks, layout, main))
     _pictures(rng, looks, layout, 2 + int(rng.integers(3)))
-    _lights(rng, looks, layout, layout.walls[int(window)])
+    lighting.light(rng, looks, layout, layout.walls[int(window)])
     return scene
 
 
@@ -186,39 +186,6 @@ def _pictures(rng: Rng, looks: Looks, layout: Layout, count: int) -> None:
     for k in range(count):
         wall = layout.walls[(k + int(rng.integers(2))) % 4]
         layout.hang(decor.picture(rng, looks), wall, None, rng.uniform(1.45, 1.7))
-
-
-def _lights(rng: Rng, looks: Looks, layout: Layout, window: Wall) -> None:
-    """A ceiling lamp, daylight from the window, and, without shadows, a weak third light and three fill lights.
-
-    Always the same number and kinds of lights: the ray tracer is compiled for that number.
-    """
-    scene, height = layout.scene, float(layout.scene.size[2])
-    spot = rng.uniform(-0.15, 0.15, 2) * scene.size[:2]
-    hanging = Assembly("objects")
-    decor.add_ceiling_lamp(rng, looks, hanging, height)
-    scene.place(hanging, (*spot, 0.0))
-    warm, cool = np.array([1.0, 0.93, 0.82]), np.array([0.9, 0.96, 1.0])
-    day = rng.uniform(0.25, 0.45)
-    evening = rng.uniform(0.32, 0.48)
-    third = window.point(rng.uniform(-1, 1), rng.uniform(0.5, 0.8) * float(scene.size[0]) * 0.6)
-
-    def point(xy: np.ndarray, z: float, colour: np.ndarray, power: float, shadow: bool = True) -> Light:
-        return Light(np.array([*xy, z]), colour * power, colour * power * 0.5, None, shadow)
-
-    def fill(direction: tuple[float, float, float], power: float) -> Light:
-        unit = np.array(direction) / np.linalg.norm(direction)
-        return Light(np.zeros(3), np.full(3, power), np.zeros(3), unit, False)
-
-    scene.lights = [
-        point(spot, height - 0.52, warm, evening),
-        point(window.point(0.0, 0.35), 1.9, cool, day),
-        point(third, height - 0.25, warm, rng.uniform(0.06, 0.12), False),
-        fill((0.3, 0.2, -1.0), 0.1),
-        fill((-0.9, 0.5, 0.4), 0.08),
-        fill((0.3, -0.5, 1.0), 0.2),
-    ]
-    scene.ambient = np.full(3, rng.uniform(0.28, 0.36))
 
 
 ROOMS: dict[str, Callable[[Rng, Looks, Layout, int], np.ndarray]] = {

@@ -6,6 +6,7 @@ import pytest
 from dsmap.classes import CLASS_NAMES
 from dsmap.errors import InputError
 from dsmap.sim_scenes import shapes
+from dsmap.sim_scenes.lighting import irradiance
 from dsmap.sim_scenes.rooms import build_scene
 from dsmap.sim_scenes.scene import Scene
 from dsmap.sim_scenes.trajectories import FreeSpace, camera_path, frame_rotations, path_length
@@ -117,3 +118,10 @@ def test_views_are_diverse_and_in_free_space(scenes: dict) -> None:
     heading = np.arctan2(poses[:, 1, 2], poses[:, 0, 2])
     assert len(np.unique(np.floor((heading + np.pi) / (np.pi / 4)))) >= 6
     assert poses[:, 2, 3].std() > 0.15
+
+
+def test_every_room_is_lit_but_not_burnt_out(scenes: dict) -> None:
+    for scene in scenes.values():
+        light = irradiance(scene)
+        assert light.max() < 1.5 and np.percentile(light, 95) < 1.1
+        assert light.min() > 0.25 and np.median(light) > 0.5
