@@ -22,7 +22,7 @@ from dsmap.kernels.fuse import fuse_frame
 from dsmap.kernels.label import posterior, update_labels
 from dsmap.kernels.predict import predict_model
 from dsmap.kernels.preprocess import clean_depth, intensity_map, preprocess
-from dsmap.kernels.prune import compact, count_dead, prune
+from dsmap.kernels.prune import compact, prune
 from dsmap.kernels.types import FrameMaps, ModelMaps, SurfelMap
 
 LEVELS = 3
@@ -187,11 +187,11 @@ class Mapper:
 
     def _clean_up(self, maps: FrameMaps) -> None:
         surfels = self.config.surfels
-        prune(
-            self.surfels, self.camera, self.T_world_camera, maps.depth, maps.edge, time=self.time,
+        dead = prune(
+            self.surfels, self.camera, self.T_world_camera, maps.depth, maps.edge, self._match, time=self.time,
             stable_weight=surfels.stable_weight, max_unseen=surfels.unstable_frames, t_min=self._t_active,
         )  # fmt: skip
-        if count_dead(self.surfels) > _DEAD_SHARE * self.surfels.count:
+        if dead > _DEAD_SHARE * self.surfels.count:
             compact(self.surfels)
 
     def _label(self, maps: FrameMaps, probabilities: np.ndarray) -> None:

@@ -7,6 +7,12 @@ from dsmap.kernels.camera import Camera, pixel_at, to_transform, transform
 from dsmap.kernels.launch import Slice, launch_items, num_slices
 from dsmap.kernels.types import ARRAYS, SurfelMap
 
+SAME_DEPTH = wp.constant(0.01)
+SAME_DEPTH_Z2 = wp.constant(0.005)
+"""Duplicates lie within SAME_DEPTH [m] + SAME_DEPTH_Z2 [1/m] x depth^2 of the measured surface."""
+SAME_NORMAL = wp.constant(0.8)
+"""Cosine between the normals of duplicates."""
+
 
 @wp.struct
 class Rules:
@@ -40,6 +46,41 @@ def _seen_through(
     return d - p[2] > wp.max(rules.margin, rules.margin_z2 * d * d)
 
 
+@wp.func
+def _is_duplicate(
+    camera: Camera,
+    p: wp.vec3,
+    i: int,
+    depth: wp.array2d(dtype=wp.float32),
+    match: wp.array2d(dtype=wp.int32),
+    normal: wp.array(dtype=wp.vec3),
+    radius: wp.array(dtype=wp.float32),
+    t_updated: wp.array(dtype=wp.int32),
+    weight: wp.array(dtype=wp.float32),
+    time: int,
+) -> bool:
+    """Whether the pixel's matched surfel, of more confidence, stands for the same bit of surface as surfel i.
+
+    A surfel smaller than the pixel is none: a nearer camera saw more detail than this one can.
+    """
+    at = pixel_at(camera, p)
+    if at[0] < 0:
+        return False
+    j = match[at[1], at[0]]
+    if j < 0:
+        return False
+    if t_updated[j] != time:  # only a weight that this launch does not change can be compared with
+        return False
+    d = depth[at[1], at[0]]
+    near = wp.abs(d - p[2]) < SAME_DEPTH + SAME_DEPTH_Z2 * d * d
+    return (
+        near
+        and radius[i] * camera.fx > p[2]
+        and weight[i] < weight[j]
+        and wp.dot(normal[i], normal[j]) > SAME_NORMAL
+    )
+
+
 @wp.kernel(enable_backward=False)
 def _judge(
     s: Slice,
@@ -48,7 +89,10 @@ def _judge(
     rules: Rules,
     depth: wp.array2d(dtype=wp.float32),
     edge: wp.array2d(dtype=wp.uint8),
+    match: wp.array2d(dtype=wp.int32),
     position: wp.array(dtype=wp.vec3),
+    normal: wp.array(dtype=wp.vec3),
+    radius: wp.array(dtype=wp.float32),
     t_updated: wp.array(dtype=wp.int32),
     weight: wp.array(dtype=wp.float32),
     dead: wp.array(dtype=wp.int32),
@@ -64,7 +108,13 @@ def _judge(
                 gone += 1
             elif t >= rules.t_min:
                 p = transform(T_camera_world, position[i])
-                if _seen_through(camera, p, rules, depth, edge):
+                # A surfel that was fused just now (t == now) is neither: it is where the surface is.
+                if t < rules.time and _is_duplicate(
+                    camera, p, i, depth, match, normal, radius, t_updated, weight, rules.time
+                ):
+                    weight[i] = 0.0
+                    gone += 1
+                elif t < rules.time and _seen_through(camera, p, rules, depth, edge):
                     left = float(0.0)
                     if w >= rules.stable_weight:
                         left = wp.max(w - rules.decay, 0.0)
@@ -83,6 +133,7 @@ def prune(
     T_world_camera: np.ndarray,
     depth: wp.array,
     edge: wp.array,
+    match: wp.array,
     *,
     time: int,
     stable_weight: float = 10.0,
@@ -99,7 +150,10 @@ def prune(
     A surfel updated since frame t_min that stands more than max(margin [m], margin_z2 [1/m] x depth^2) in
     front of the surface measured in its pixel is seen through: an unstable one dies at once, a stable one
     loses `decay` of its weight, so that it takes several frames, not one bad depth image, to erase it.
-    depth [m] and edge: the frame's maps, shapes (H, W); pixels on edges or beyond max_depth say nothing.
+    A surfel without a match whose pixel is matched by a surfel of more confidence, at the same depth and with
+    the same normal, is a duplicate and dies, unless it is finer than the pixel.
+    depth [m], edge and match (of `associate`): the frame's maps, shapes (H, W); pixels on edges or beyond
+    max_depth say nothing about what stands before them.
     """
     rules = Rules()
     rules.time, rules.t_min, rules.max_unseen = time, t_min, max_unseen
@@ -113,7 +167,10 @@ def prune(
         rules,
         depth,
         edge,
+        match,
         m.position,
+        m.normal,
+        m.radius,
         m.t_updated,
     ]
     launch_items(_judge, m.count, inputs, [m.weight, dead], m.device)

@@ -180,7 +180,7 @@ def fuse_frame(s, camera, T, frame, match, *, time, max_weight=np.inf) -> dict[s
     return {name: np.concatenate([s[name], [row[name] for row in new]]) for name in s}
 
 
-def prune(s, camera, T, depth, edge, *, time, stable_weight=10.0, max_unseen=20, t_min=0, max_depth=1e9, margin=0.05,
+def prune(s, camera, T, depth, edge, match, *, time, stable_weight=10.0, max_unseen=20, t_min=0, max_depth=1e9, margin=0.05,
           margin_z2=0.0, decay=3.0) -> np.ndarray:  # fmt: skip
     """Weights after clean-up."""
     position, _ = into_camera(T, s)
@@ -193,7 +193,15 @@ def prune(s, camera, T, depth, edge, *, time, stable_weight=10.0, max_unseen=20,
             weight[i] = 0
             continue
         at = pixel(camera, p)
-        if at is None or s["t_updated"][i] < t_min or edge[at] or not 0 < depth[at] <= max_depth:
+        if at is None or not t_min <= s["t_updated"][i] < time:
+            continue
+        j = match[at]
+        if j >= 0 and s["t_updated"][j] == time and abs(depth[at] - p[2]) < 0.01 + 0.005 * depth[at] ** 2:
+            same = s["normal"][i] @ s["normal"][j] > 0.8
+            if same and s["radius"][i] * camera.fx > p[2] and s["weight"][i] < s["weight"][j]:
+                weight[i] = 0
+                continue
+        if edge[at] or not 0 < depth[at] <= max_depth:
             continue
         if depth[at] - p[2] > max(margin, margin_z2 * depth[at] ** 2):
             weight[i] = max(weight[i] - decay, 0) if stable else 0

@@ -144,11 +144,20 @@ def test_a_moving_camera_keeps_about_one_surfel_a_pixel():
 )
 def test_clean_up_equals_its_twin(seed, options):
     T, surfels, frame, maps = scene(seed)
+    match = matched(surfels, T, maps)
+    winners = match.numpy()[match.numpy() >= 0]
+    surfels.t_updated.numpy()[winners] = TIME  # as fusing does
+    arrays = reference_map.arrays(surfels)
     expected = reference_map.prune(
-        reference_map.arrays(surfels), CAMERA, T, frame["depth"], frame["edge"], time=TIME, **options
+        arrays, CAMERA, T, frame["depth"], frame["edge"], match.numpy(), time=TIME, **options
     )
+    alone = np.full(SHAPE, -1)
+    without = reference_map.prune(
+        arrays, CAMERA, T, frame["depth"], frame["edge"], alone, time=TIME, **options
+    )
+    assert (expected == 0).sum() > (without == 0).sum(), "the scene holds duplicates"
     alive_before = surfels.count - count_dead(surfels)
-    dead = prune(surfels, CAMERA, T, maps.depth, maps.edge, time=TIME, **options)
+    dead = prune(surfels, CAMERA, T, maps.depth, maps.edge, match, time=TIME, **options)
     weight = surfels.weight.numpy()[: surfels.count]
     np.testing.assert_allclose(weight, expected, rtol=1e-6)
     assert dead == count_dead(surfels) == (expected == 0).sum()
@@ -162,9 +171,11 @@ def test_one_bad_depth_image_does_not_erase_a_stable_map_but_an_opened_door_does
         fuse_frame(surfels, CAMERA, T, maps, matched(surfels, T, maps), time=time)
     surfels.weight.numpy()[: surfels.count] += 10  # all are stable
     far = wp.full(SHAPE, 3.0, dtype=wp.float32, device="cpu")
-    assert prune(surfels, CAMERA, T, far, maps.edge, time=40) == 0
+    nothing = matched(surfels, T, maps)
+    nothing.fill_(-1)
+    assert prune(surfels, CAMERA, T, far, maps.edge, nothing, time=40) == 0
     for time in range(41, 61):
-        dead = prune(surfels, CAMERA, T, far, maps.edge, time=time)
+        dead = prune(surfels, CAMERA, T, far, maps.edge, nothing, time=time)
     assert dead == surfels.count
 
 
@@ -216,7 +227,7 @@ def test_the_number_of_threads_changes_nothing(monkeypatch):
             maps = random_scene.frame_maps(frame)
             associate(surfels, CAMERA, T, maps.vertex, maps.normal, maps.edge, match=match)
             fuse_frame(surfels, CAMERA, T, maps, match, time=time)
-            prune(surfels, CAMERA, T, maps.depth, maps.edge, time=time)
+            prune(surfels, CAMERA, T, maps.depth, maps.edge, match, time=time)
             compact(surfels)
             update_labels(surfels, CAMERA, T, maps.depth, maps.edge, probabilities)
             render_index(surfels, CAMERA, T, max_depth=3.0, index=index)
