@@ -128,11 +128,14 @@ class WarpRenderer:
         self._data.cam_xmat.assign(rotation[None, None].astype(np.float32))
         self._data.cam_xpos.assign(T_world_camera[None, None, :3, 3].astype(np.float32))
         self._mjw.render(self._model, self._data, context)
-        packed = context.rgb_data.numpy()[0].reshape(self._shape)
+        blue_green_red = context.rgb_data.numpy()[0].view(np.uint8).reshape(*self._shape, 4)
         depth = context.depth_data.numpy()[0].reshape(self._shape).copy()
         hit = context.seg_data.numpy()[0].reshape(*self._shape, 2)
-        rgb = np.stack([(packed >> shift) & 0xFF for shift in (16, 8, 0)], -1).astype(np.uint8)
-        return Image(rgb, depth, np.ascontiguousarray(hit[..., 0], dtype=np.int32))
+        return Image(
+            np.ascontiguousarray(blue_green_red[..., 2::-1]),
+            depth,
+            np.ascontiguousarray(hit[..., 0], dtype=np.int32),
+        )
 
     @property
     def kernel_name(self) -> str:

@@ -31,6 +31,8 @@ def test_agrees_with_the_ray_tracer_in_depth_and_labels(name: str) -> None:
         assert theirs.rgb.shape == (120, 160, 3) and theirs.rgb.std() > 15 and 30 < theirs.rgb.mean() < 220
         correlation = np.corrcoef(ours.rgb.mean(-1).ravel(), theirs.rgb.mean(-1).ravel())[0, 1]
         assert correlation > 0.75  # the textures lie the same way round
+        ours_warm, theirs_warm = (im.rgb[..., 0].astype(float) - im.rgb[..., 2] for im in (ours, theirs))
+        assert np.corrcoef(ours_warm.ravel(), theirs_warm.ravel())[0, 1] > 0.7  # and red is red
     for renderer in renderers:
         renderer.close()
 

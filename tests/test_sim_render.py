@@ -13,6 +13,7 @@ from dsmap.sequences import open_sequence
 from dsmap.sim_scenes.record import RenderOptions, render_sequence
 from dsmap.sim_scenes.render import WarpRenderer, default_camera
 from dsmap.sim_scenes.rooms import build_scene
+from dsmap.tools import cli
 
 SMALL = RenderOptions(scene="living_room", seed=1, frames=8, width=96, height=72, fps=3.0)
 
@@ -130,3 +131,18 @@ def test_an_existing_sequence_is_kept_and_bad_options_are_named(recording: Path,
     with pytest.raises(InputError, match="frames is 0"):
         render_sequence(tmp_path / "none", RenderOptions(frames=0))
     assert not (tmp_path / "none").exists()
+
+
+def test_command_line_renders_and_names_what_is_wrong(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    small = ["--size", "64x48", "--frames", "2", "--jobs", "1", "--path", "views", "--scene", "bedroom"]
+    assert cli.run("render-scene", [str(tmp_path / "room"), *small]) == 0
+    assert "2 frames of bedroom seed 1, 64x48" in capsys.readouterr().out
+    assert len(open_sequence(tmp_path / "room")) == 2
+    assert cli.run("render-scene", [str(tmp_path / "room"), *small]) == 2
+    assert "found a sequence there already" in capsys.readouterr().err
+    assert cli.run("render-scene", [str(tmp_path / "other"), "--size", "64"]) == 2
+    assert "expected WIDTHxHEIGHT" in capsys.readouterr().err
+    assert cli.run("render-scene", [str(tmp_path / "other"), "--clean-copy", str(tmp_path / "clean")]) == 2
+    assert "--noise kinect" in capsys.readouterr().err

@@ -10,6 +10,7 @@ from typing import Literal
 import tyro
 from tqdm import tqdm
 
+from dsmap.errors import InputError
 from dsmap.sim_scenes.record import RenderedFrame, RenderOptions, render_sequence
 from dsmap.tools.parse import parse_size
 
@@ -46,6 +47,10 @@ class Args:
 
 def main(args: Args) -> None:
     """Render and say what was written."""
+    if args.clean_copy and args.noise == "none":
+        raise InputError("--clean-copy is given without --noise kinect: both folders would hold the same")
+    import dsmap.kernels.runtime  # noqa: F401  (Warp starts without its remark on a missing GPU; not for --help)
+
     width, height = parse_size(args.size) or (640, 480)
     options = RenderOptions(
         scene=args.scene,
@@ -62,7 +67,7 @@ def main(args: Args) -> None:
 
     def progress(frames: Iterable[RenderedFrame], total: int) -> Iterable[RenderedFrame]:
         print(
-            "rendering (the first time, a minute of kernel compilation comes before the first frame)",
+            "rendering (on a machine's first run its kernel is compiled before the first frame)",
             file=sys.stderr,
         )
         return tqdm(frames, total=total, unit="frame", disable=None)
