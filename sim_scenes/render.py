@@ -84,7 +84,8 @@ class WarpRenderer:
     def __init__(self, scene: Scene, camera: Intrinsics) -> None:
         import warp as wp
 
-        wp.config.log_level = wp.LOG_WARNING
+        # As dsmap.kernels sets them: a kernel compiled under one setting is not found under another.
+        wp.config.log_level, wp.config.enable_backward = wp.LOG_WARNING, False
         import mujoco
         import mujoco_warp
 
