@@ -39,7 +39,7 @@ class DSNetConfig:
 class AugmentConfig:
     """Strength of the random changes to a training image; 0 switches one off."""
 
-    scale: tuple[float, float] = (0.7, 2.0)
+    scale: tuple[float, float] = (0.9, 1.6)
     """Zoom of the image relative to fitting it to the training size, log-uniform."""
     aspect: float = 0.1
     """Largest relative change of the aspect ratio."""
@@ -47,21 +47,21 @@ class AugmentConfig:
     """Largest roll of the camera [degrees]."""
     flip: float = 0.5
     """Probability of a left-right flip."""
-    brightness: float = 0.3
+    brightness: float = 0.2
     """Largest relative change of brightness."""
-    contrast: float = 0.3
+    contrast: float = 0.2
     """Largest relative change of contrast about the mean."""
-    gamma: float = 0.3
+    gamma: float = 0.2
     """Largest change of log gamma."""
-    white_balance: float = 0.12
+    white_balance: float = 0.08
     """Largest relative change of one channel's gain."""
-    saturation: float = 0.4
+    saturation: float = 0.3
     """Largest relative change of saturation."""
-    hue: float = 15.0
+    hue: float = 10.0
     """Largest rotation of hue [degrees]."""
-    blur: float = 0.2
+    blur: float = 0.1
     """Probability of a Gaussian blur (sigma up to 1.5 px)."""
-    noise: float = 0.3
+    noise: float = 0.2
     """Probability of Gaussian noise (sigma up to 12 grey levels)."""
 
 
@@ -75,13 +75,13 @@ class TrainConfig:
     """Images a step."""
     size: tuple[int, int] = (448, 448)
     """Width and height of training images [px], multiples of 32; also the weights' working size."""
-    lr: float = 4e-3
+    lr: float = 1e-2
     """Peak learning rate of AdamW."""
     weight_decay: float = 1e-2
     """Decoupled weight decay of the convolutions."""
-    warmup: int = 200
+    warmup: int = 100
     """Steps of linear warm-up before the cosine decay to zero."""
-    ema: float = 0.998
+    ema: float = 0.99
     """Decay of the averaged weights that are validated and saved; 0: no averaging."""
     balance: Literal["median", "log", "none"] = "median"
     """Class weights: `median` (median frequency), `log` (1 / log(1.02 + frequency)) or `none`."""
