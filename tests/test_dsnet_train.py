@@ -22,7 +22,7 @@ from dsmap.errors import InputError  # noqa: E402
 from dsmap.frame import Frame  # noqa: E402
 
 TINY = DSNetConfig(layers=2, growth=4, widths=(8, 8, 8, 8), stem_convs=1, dropout=0.1)
-MILD = AugmentConfig(scale=(0.9, 1.2), rotate=0, hue=0, saturation=0, white_balance=0, brightness=0.1)
+MILD = AugmentConfig(scale=(0.9, 1.2), rotate=0, hue=0, saturation=0, white_balance=0, blur=0, noise=0)
 CONFIG = TrainConfig(steps=12, batch=4, size=(64, 64), lr=1e-2, warmup=2, ema=0.5, validate_every=4)
 
 
@@ -63,7 +63,7 @@ def run(images, out, config=CONFIG, **options):
 def test_a_tiny_set_is_learnt_by_heart(images, tmp_path):
     config = dataclasses.replace(CONFIG, steps=180, validate_every=90, ema=0.9)
     best = run(images, tmp_path / "run", config)
-    assert best["class_avg"] > 0.75 and best["pixel_acc"] > 0.85 and best["ece"] < 0.2
+    assert best["class_avg"] > 0.75 and best["pixel_acc"] > 0.8 and best["ece"] < 0.2
     assert 0.05 < best["temperature"] < 20
     history = json.loads((tmp_path / "run" / "history.json").read_text())
     assert [record["step"] for record in history] == [90, 180]
