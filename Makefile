@@ -57,10 +57,10 @@ lint: $(VENV)/.dev
 
 # pyright does not see through the package mapping of an editable install: a folder of links shows it one package.
 typecheck: $(VENV)/.dev
-	@rm -rf .typing && mkdir -p .typing/dsmap
-	@ln -s $(CURDIR)/src/dsmap/* .typing/dsmap/
-	@for part in kernels fusion dsnet sim_scenes tools; do ln -s $(CURDIR)/$$part .typing/dsmap/$$part; done
+	@rm -rf build/typing && mkdir -p build/typing/dsmap
+	@ln -s $(CURDIR)/src/dsmap/* build/typing/dsmap/
+	@for part in kernels fusion dsnet sim_scenes tools; do ln -s $(CURDIR)/$$part build/typing/dsmap/$$part; done
 	$(BIN)/pyright
 
 clean:
-	rm -rf build runs/demo *.egg-info src/*.egg-info .pytest_cache .ruff_cache .typing
+	rm -rf build runs/demo *.egg-info src/*.egg-info .pytest_cache .ruff_cache

@@ -2,13 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import warp as wp
 
 from dsmap.fusion.config import TrackConfig
 from dsmap.fusion.lie import exp_se3, exp_so3
-from dsmap.kernels.camera import Camera
 from dsmap.kernels.odometry import Gates, gradient, joint_normal_equations, rotation_normal_equations
 from dsmap.kernels.preprocess import half_surface
 from dsmap.kernels.types import FrameMaps
@@ -54,7 +54,7 @@ class ModelView:
 class Tracker:
     """Estimates T_prev_cur between the last model view and the current frame."""
 
-    def __init__(self, config: TrackConfig, cameras: Sequence[Camera]):
+    def __init__(self, config: TrackConfig, cameras: Sequence[Any]):
         self.config = config
         self.cameras = cameras
         self._last_coarse: tuple[wp.array, wp.array] | None = None
@@ -108,7 +108,7 @@ class Tracker:
             R_prev_cur = exp_so3(w) @ R_prev_cur
         return best
 
-    def _gates(self, level: int) -> Gates:
+    def _gates(self, level: int) -> Any:
         config, gates = self.config, Gates()
         gates.max_distance = config.max_distance
         gates.min_cosine = float(np.cos(np.deg2rad(config.max_angle_deg)))

@@ -26,9 +26,9 @@ class FrameMaps:
     vertex: wp.array  # vec3 [m]
     normal: wp.array  # vec3, towards the camera
     intensity: wp.array  # float32 in [0, 1]
-    radius: wp.array | None = None  # float32 [m], level 0 only
-    colour: wp.array | None = None  # vec3 RGB in [0, 1], level 0 only
-    edge: wp.array | None = None  # uint8, 1 on depth edges, level 0 only
+    radius: Any = None  # float32 [m], level 0 only
+    colour: Any = None  # vec3 RGB in [0, 1], level 0 only
+    edge: Any = None  # uint8, 1 on depth edges, level 0 only
 
 
 @dataclass

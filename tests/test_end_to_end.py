@@ -10,10 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import shared_data
+from test_fusion_mapper import FRAMES, INTRINSICS
+
 from dsmap.fusion.run_reader import load_run
 from dsmap.sequences import SequenceWriter
 from dsmap.tools.cli import COMMANDS, run, usage
-from test_fusion_mapper import FRAMES, INTRINSICS
 
 README = Path(__file__).parents[1] / "README.md"
 MAP = ["--segmenter", "labels", "--device", "cpu"]
@@ -38,8 +39,8 @@ def test_map_then_evaluate(recording, tmp_path, capsys):
     assert run("map", [str(recording), "--out", str(out), "--save-probabilities", *MAP]) == 0
     files = {p.relative_to(out).as_posix() for p in out.rglob("*") if p.is_file()}
     expected = {
-        "map.ply", "labels.ply", "trajectory.txt", "config.yaml", "stats.json", "classes.json", "checkpoint.safetensors",
-        "pictures/map_colour.png", "pictures/map_label.png", "pictures/map_confidence.png", "pictures/trajectory.png",
+        "map.ply", "labels.ply", "trajectory.txt", "config.yaml", "stats.json", "classes.json",
+        "checkpoint.safetensors", "pictures/map_colour.png", "pictures/map_label.png", "pictures/map_confidence.png", "pictures/trajectory.png",
         "pictures/strip.png",
     }  # fmt: skip
     assert expected <= files and not any(".tmp" in name for name in files)
