@@ -20,6 +20,7 @@ from dsmap.dsnet.model import DSNet  # noqa: E402
 from dsmap.dsnet.predict import SHIPPED_WEIGHTS, DSNetSegmenter, load_segmenter  # noqa: E402
 from dsmap.errors import InputError  # noqa: E402
 from dsmap.frame import Frame  # noqa: E402
+from dsmap.tools import cli  # noqa: E402
 
 TINY = DSNetConfig(layers=2, growth=4, widths=(8, 8, 8, 8), stem_convs=1, dropout=0.1)
 MILD = AugmentConfig(scale=(0.9, 1.2), rotate=0, hue=0, saturation=0, white_balance=0, blur=0, noise=0)
@@ -184,3 +185,15 @@ def test_shipped_weights_label_a_frame():
     assert probabilities.shape == (height // 2, width // 2, 14) and probabilities.dtype == np.float32
     np.testing.assert_allclose(probabilities.sum(axis=2), 1, atol=1e-5)
     assert probabilities[..., 0].max() < 0.5  # void is never learnt
+
+
+def test_the_command_trains_resumes_and_names_bad_input(images, tmp_path, capsys):
+    flags = "--steps 2 --batch 2 --size 64 64 --workers 0 --net.layers 1 --net.growth 4 --net.stem-convs 1"
+    argv = ["--data", str(images), "--val", str(images), "--out", str(tmp_path / "run"), *flags.split()]
+    assert cli.run("train", argv) == 0
+    assert "class average" in capsys.readouterr().out
+    assert cli.run("train", argv) == 2
+    assert "--resume" in capsys.readouterr().err
+    assert cli.run("train", [*argv, "--resume"]) == 0
+    assert cli.run("train", ["--data", str(tmp_path), *argv[2:], "--resume"]) == 2
+    assert "no labelled image" in capsys.readouterr().err
