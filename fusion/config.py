@@ -30,7 +30,7 @@ class TrackConfig:
     """Depth-dependent weight 1 / (1 + noise_z z^2)^2 of ICP residuals; 0 = all alike."""
     so3: bool = True
     """Rotation-only pre-alignment on the coarsest level."""
-    min_inlier_fraction: float = 0.25
+    min_inlier_fraction: float = 0.1
     """Fewer associated pixels (of those with depth that fall into the model view): the frame is lost."""
     max_rms: float = 0.03
     """Larger RMS of inlier point-to-plane residuals [m]: the frame is lost."""
@@ -43,7 +43,9 @@ class SurfelConfig:
     """The surfel map."""
 
     max_ray_distance: float = 0.05
-    """Association: distance along the viewing ray [m]."""
+    """Association: distance along the viewing ray [m]..."""
+    ray_distance_z2: float = 0.008
+    """... or this times depth squared [1/m], where that is more: three sigma of a Kinect-like sensor."""
     max_angle: float = 0.5
     """Association: angle between normals [rad]."""
     stable_weight: float = 10.0

@@ -182,7 +182,8 @@ class Mapper:
         surfels = self.config.surfels
         associate(
             self.surfels, self.camera, self.T_world_camera, maps.vertex, maps.normal, maps.edge, match=self._match,
-            max_ray_distance=surfels.max_ray_distance, max_angle=surfels.max_angle, t_min=0,
+            max_ray_distance=surfels.max_ray_distance, max_ray_distance_z2=surfels.ray_distance_z2,
+            max_angle=surfels.max_angle,
         )  # fmt: skip
 
     def _clean_up(self, maps: FrameMaps) -> None:
@@ -190,6 +191,7 @@ class Mapper:
         dead = prune(
             self.surfels, self.camera, self.T_world_camera, maps.depth, maps.edge, self._match, time=self.time,
             stable_weight=surfels.stable_weight, max_unseen=surfels.unstable_frames, t_min=self._t_active,
+            margin=surfels.max_ray_distance, margin_z2=surfels.ray_distance_z2,
         )  # fmt: skip
         if dead > _DEAD_SHARE * self.surfels.count:
             compact(self.surfels)
@@ -198,6 +200,7 @@ class Mapper:
         update_labels(
             self.surfels, self.camera, self.T_world_camera, maps.depth, maps.edge, probabilities,
             rule=self.config.labels.rule, floor=self.config.labels.floor,
+            max_distance=self.config.surfels.max_ray_distance, max_distance_z2=self.config.surfels.ray_distance_z2,
         )  # fmt: skip
 
     def _predict(self) -> ModelView:

@@ -30,6 +30,9 @@ def bilateral(depth: np.ndarray, sigma_space: float, sigma_range: float, radius:
 
 def _difference(before, centre, after):
     if before[2] > 0 and after[2] > 0:
+        if abs(before[2] + after[2] - 2 * centre[2]) > 0.01 + 0.015 * centre[2]:
+            ahead_is_smoother = abs(after[2] - centre[2]) < abs(centre[2] - before[2])
+            return after - centre if ahead_is_smoother else centre - before
         return after - before
     if after[2] > 0:
         return after - centre
@@ -56,8 +59,11 @@ def surface(camera, depth: np.ndarray) -> tuple[np.ndarray, ...]:
     for y, x in np.argwhere(depth > 0):
         if not (0 < x < camera.width - 1 and 0 < y < camera.height - 1):
             continue
-        dx = _difference(vertex[y, x - 1], vertex[y, x], vertex[y, x + 1])
-        dy = _difference(vertex[y - 1, x], vertex[y, x], vertex[y + 1, x])
+        k = int(np.clip(int(2.5 * depth[y, x] * camera.fx / 525 + 0.5), 1, 10))
+        west, east = max(x - k, 0), min(x + k, camera.width - 1)
+        north, south = max(y - k, 0), min(y + k, camera.height - 1)
+        dx = _difference(vertex[y, west], vertex[y, x], vertex[y, east])
+        dy = _difference(vertex[north, x], vertex[y, x], vertex[south, x])
         n = np.cross(dy, dx)
         if np.linalg.norm(n) > 0:
             normal[y, x] = n / np.linalg.norm(n)

@@ -53,6 +53,16 @@ def test_surface_maps():
     assert (normal[..., 2] <= 0).all(), "normals point towards the camera"
 
 
+@pytest.mark.parametrize("focal", [40.0, 525.0])
+def test_normals_reach_further_where_depth_is_noisier(focal):
+    """The reach grows with depth and focal length, and stops at steps."""
+    camera = make_camera(Intrinsics(48, 36, focal, focal, 23.2, 17.9))
+    depth = scene(1) * (1.6 if focal > 100 else 1.0)
+    maps = preprocess.preprocess(np.zeros((36, 48, 3), np.uint8), depth, [camera], CPU)[0]
+    smooth = preprocess.smooth_depth(depth, CPU).numpy()
+    np.testing.assert_allclose(maps.normal.numpy(), reference.surface(camera, smooth)[1], atol=3e-4)
+
+
 def test_a_slanted_plane_has_no_edges():
     y, x = np.mgrid[:36, :48]
     ray = reference.rays(CAMERA)
