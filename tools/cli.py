@@ -20,7 +20,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
 """Command name to (module, one line of help). Each module has `Args` (a dataclass) and `main(args)`."""
 
 _PACKAGE_EXTRA = {
-    "torch": "dsnet", "torchmetrics": "dsnet", "mujoco": "sim", "mujoco_warp": "sim", "trimesh": "sim",
+    "torch": "dsnet", "mujoco": "sim", "mujoco_warp": "sim", "trimesh": "sim",
     "pyrender": "sim", "viser": "view", "open3d": "bench", "evo": "bench",
 }  # fmt: skip
 
