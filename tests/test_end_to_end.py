@@ -39,10 +39,10 @@ def test_map_then_evaluate(recording, tmp_path, capsys):
     assert run("map", [str(recording), "--out", str(out), "--save-probabilities", *MAP]) == 0
     files = {p.relative_to(out).as_posix() for p in out.rglob("*") if p.is_file()}
     expected = {
-        "map.ply", "labels.ply", "trajectory.txt", "config.yaml", "stats.json", "classes.json",
-        "checkpoint.safetensors", "pictures/map_colour.png", "pictures/map_label.png", "pictures/map_confidence.png", "pictures/trajectory.png",
-        "pictures/strip.png",
-    }  # fmt: skip
+        *("map.ply", "labels.ply", "trajectory.txt", "config.yaml", "stats.json", "classes.json"),
+        *("checkpoint.safetensors", "pictures/map_colour.png", "pictures/map_label.png"),
+        *("pictures/map_confidence.png", "pictures/trajectory.png", "pictures/strip.png"),
+    }
     assert expected <= files and not any(".tmp" in name for name in files)
     stats = json.loads((out / "stats.json").read_text())
     assert stats["tracking"]["tracked_fraction"] == 1.0 and stats["map"]["frames"] == len(FRAMES)
