@@ -10,8 +10,8 @@ class TrackConfig:
 
     iterations: tuple[int, ...] = (6, 5, 4)
     """Gauss-Newton iterations a pyramid level, fine to coarse; each level stops early when it converges."""
-    stride: tuple[int, ...] = (2, 1, 1)
-    """Every n-th pixel in both directions counts, a level: a quarter of 640x480 constrains six numbers amply."""
+    stride: tuple[int, ...] = (4, 2, 1)
+    """Every n-th pixel in both directions counts, a level: 19,200 points of 640x480 constrain six numbers amply."""
     w_rgb: float = 0.1
     """Weight of the photometric term (Eq. 3); metres and intensities in [0, 1]."""
     max_distance: float = 0.10
@@ -52,6 +52,8 @@ class SurfelConfig:
     """Surfel confidence from which a surfel is stable."""
     unstable_frames: int = 20
     """An unstable surfel not seen for this many frames is dropped."""
+    clean_every: int = 3
+    """Clean up in every n-th frame."""
     active_window: int = 200
     """Surfels updated within this many frames are active."""
 

@@ -188,6 +188,8 @@ class Mapper:
 
     def _clean_up(self, maps: FrameMaps) -> None:
         surfels = self.config.surfels
+        if self.time % surfels.clean_every:
+            return
         dead = prune(
             self.surfels, self.camera, self.T_world_camera, maps.depth, maps.edge, self._match, time=self.time,
             stable_weight=surfels.stable_weight, max_unseen=surfels.unstable_frames, t_min=self._t_active,

@@ -13,9 +13,11 @@ from dsmap.kernels.odometry import Gates, gradient, joint_normal_equations, rota
 from dsmap.kernels.preprocess import half_surface
 from dsmap.kernels.types import FrameMaps
 
-_CONVERGED = 3e-5
+_CONVERGED = 1e-4
 """A step below this (metres and radians alike) ends a level: a twentieth of a pixel at 1 m."""
-_SO3_ITERATIONS = 8
+_SO3_ITERATIONS = 6
+_SO3_CONVERGED = 1e-3
+"""A rotation step [rad] below this ends pre-alignment: a sixth of a pixel of the coarsest level."""
 
 
 @dataclass
@@ -106,6 +108,8 @@ class Tracker:
             if w is None:
                 break
             R_prev_cur = exp_so3(w) @ R_prev_cur
+            if np.abs(w).max() < _SO3_CONVERGED:
+                return R_prev_cur
         return best
 
     def _gates(self, level: int) -> Any:
