@@ -34,7 +34,7 @@ def _pack(
 ):
     # What a surfel asks of its pixel, in one cache line; depth 0 where it may not have the pixel.
     row, lane = wp.tid()
-    y = s.first + row
+    y = s.first + s.stride * row
     for x in range(lane, packed.shape[1], s.step):
         n = normal[y, x]
         z = vertex[y, x][2]
@@ -54,7 +54,7 @@ def _claim(
     frame: wp.array2d(dtype=wp.vec4),
     keys: wp.array2d(dtype=wp.uint64),
 ):
-    block = s.first + wp.tid()
+    block = s.first + s.stride * wp.tid()
     for i in range(block * s.step, wp.min((block + 1) * s.step, s.count)):
         if weight[i] <= 0.0 or t_updated[i] < gates.t_min:
             continue

@@ -19,7 +19,7 @@ def _bilateral(
     out: wp.array2d(dtype=float),
 ):
     row, lane = wp.tid()
-    y = s.first + row
+    y = s.first + s.stride * row
     height, width = depth.shape[0], depth.shape[1]
     space = -0.5 / (sigma_space * sigma_space)
     spread = -0.5 / (sigma_range * sigma_range)
@@ -48,7 +48,7 @@ def _bilateral(
 @wp.kernel(enable_backward=False)
 def _colour(s: Slice, rgb: wp.array3d(dtype=wp.uint8), out: wp.array2d(dtype=wp.vec3)):
     row, lane = wp.tid()
-    y = s.first + row
+    y = s.first + s.stride * row
     for x in range(lane, rgb.shape[1], s.step):
         out[y, x] = wp.vec3(float(rgb[y, x, 0]), float(rgb[y, x, 1]), float(rgb[y, x, 2])) / 255.0
 
@@ -56,7 +56,7 @@ def _colour(s: Slice, rgb: wp.array3d(dtype=wp.uint8), out: wp.array2d(dtype=wp.
 @wp.kernel(enable_backward=False)
 def _intensity(s: Slice, colour: wp.array2d(dtype=wp.vec3), out: wp.array2d(dtype=float)):
     row, lane = wp.tid()
-    y = s.first + row
+    y = s.first + s.stride * row
     for x in range(lane, colour.shape[1], s.step):
         c = colour[y, x]
         out[y, x] = 0.299 * c[0] + 0.587 * c[1] + 0.114 * c[2]
@@ -65,7 +65,7 @@ def _intensity(s: Slice, colour: wp.array2d(dtype=wp.vec3), out: wp.array2d(dtyp
 @wp.kernel(enable_backward=False)
 def _half(s: Slice, image: wp.array2d(dtype=float), out: wp.array2d(dtype=float)):
     row, lane = wp.tid()
-    y = s.first + row
+    y = s.first + s.stride * row
     for x in range(lane, out.shape[1], s.step):
         out[y, x] = 0.25 * (
             image[2 * y, 2 * x]

@@ -73,7 +73,7 @@ def _find_new(
     is_new: wp.array2d(dtype=wp.int32),
 ):
     row, lane = wp.tid()
-    y = s.first + row
+    y = s.first + s.stride * row
     for x in range(lane, camera.width, s.step):
         new = int(0)
         if match[y, x] == -1 and edge[y, x] == wp.uint8(0):
@@ -106,7 +106,7 @@ def _average(
     t_updated: wp.array(dtype=wp.int32),
 ):
     row, lane = wp.tid()
-    y = s.first + row
+    y = s.first + s.stride * row
     for x in range(lane, camera.width, s.step):
         i = match[y, x]
         if i >= 0:
@@ -149,7 +149,7 @@ def _insert(
     evidence: wp.array2d(dtype=wp.float32),
 ):
     row, lane = wp.tid()
-    y = s.first + row
+    y = s.first + s.stride * row
     for x in range(lane, camera.width, s.step):
         if is_new[y, x] == 1:
             i = first + rank[y * camera.width + x]

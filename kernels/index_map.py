@@ -104,7 +104,7 @@ def _splat(
     t_updated: wp.array(dtype=wp.int32),
     keys: wp.array2d(dtype=wp.uint64),
 ):
-    block = s.first + wp.tid()
+    block = s.first + s.stride * wp.tid()
     border = float(MAX_SPLAT)
     for i in range(block * s.step, wp.min((block + 1) * s.step, s.count)):
         w = weight[i]
@@ -194,7 +194,7 @@ def _select(
     index: wp.array2d(dtype=wp.int32),
 ):
     row, lane = wp.tid()
-    y = s.first + row
+    y = s.first + s.stride * row
     above = wp.max(y - 1, 0) * camera.width
     here = y * camera.width
     below = wp.min(y + 1, camera.height - 1) * camera.width

@@ -38,7 +38,7 @@ def _prepare(
     valid: wp.array2d(dtype=wp.uint8),
 ):
     row, lane = wp.tid()
-    y = s.first + row
+    y = s.first + s.stride * row
     for x in range(lane, probabilities.shape[1], s.step):
         p = probabilities[y, x]
         total = float(0.0)
@@ -106,7 +106,7 @@ def _observe(
     observations: wp.array(dtype=wp.float32),
     label: wp.array(dtype=wp.uint8),
 ):
-    block = s.first + wp.tid()
+    block = s.first + s.stride * wp.tid()
     for i in range(block * s.step, wp.min((block + 1) * s.step, s.count)):
         if weight[i] <= 0.0 or t_updated[i] < gate.t_min:
             continue

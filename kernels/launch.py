@@ -4,10 +4,10 @@ Warp runs a CPU launch on one thread but releases the GIL, so a launch is cut in
 pool runs side by side. A kernel written for this module takes a `Slice` as its FIRST argument:
 
     row, lane = wp.tid()                      # image kernel, see launch_rows
-    y = s.first + row
+    y = s.first + s.stride * row
     for x in range(lane, width, s.step): ...
 
-    block = s.first + wp.tid()                # surfel kernel, see launch_items
+    block = s.first + s.stride * wp.tid()                # surfel kernel, see launch_items
     for i in range(block * s.step, wp.min((block + 1) * s.step, s.count)): ...
 
 On the CPU one thread does a whole row (or a block of surfels), because a Warp CPU thread costs about 4 ns;
@@ -39,6 +39,9 @@ class Slice:
 
     index: wp.int32  # number of the slice: 0 .. num_slices - 1
     first: wp.int32  # first row or block of the slice
+    stride: (
+        wp.int32
+    )  # from one row or block of the slice to its next: slices interleave, so that none is idle early
     step: wp.int32  # launch_rows: lanes a row; launch_items: surfels a block
     count: wp.int32  # rows, or surfels, of the whole launch
 
@@ -62,10 +65,9 @@ def num_slices(device: Any) -> int:
 def _slices(units: int, count: int, step: int, slices: int) -> list[tuple[Slice, int]]:
     result = []
     for index in range(slices):
-        first, last = units * index // slices, units * (index + 1) // slices
         part = Slice()
-        part.index, part.first, part.step, part.count = index, first, step, count
-        result.append((part, last - first))
+        part.index, part.first, part.stride, part.step, part.count = index, index, slices, step, count
+        result.append((part, (units - index + slices - 1) // slices))
     return result
 
 

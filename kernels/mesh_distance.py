@@ -18,7 +18,7 @@ def _closest(
     out_face: wp.array(dtype=wp.int32),
     out_closest: wp.array(dtype=wp.vec3),
 ):
-    block = s.first + wp.tid()
+    block = s.first + s.stride * wp.tid()
     for i in range(block * s.step, wp.min((block + 1) * s.step, s.count)):
         p = points[i]
         query = wp.mesh_query_point_no_sign(mesh, p, max_distance)

@@ -80,7 +80,7 @@ def _joint(
     partial_icp: wp.array2d(dtype=_sums), partial_rgb: wp.array2d(dtype=_sums),
 ):  # fmt: skip
     row, lane = wp.tid()
-    y = (s.first + row) * gates.stride
+    y = (s.first + s.stride * row) * gates.stride
     icp = _sums()
     rgb = _sums()
     for x in range(lane * gates.stride, camera.width, s.step * gates.stride):
@@ -124,8 +124,8 @@ def _joint(
         moment = wp.cross(p, d)
         J = _vec6(d[0], d[1], d[2], moment[0], moment[1], moment[2])
         rgb = _add(rgb, J, r, _huber(r, gates.huber_rgb))
-    partial_icp[s.first + row, lane] = icp
-    partial_rgb[s.first + row, lane] = rgb
+    partial_icp[s.first + s.stride * row, lane] = icp
+    partial_rgb[s.first + s.stride * row, lane] = rgb
 
 
 @wp.kernel(enable_backward=False)
@@ -135,7 +135,7 @@ def _rotation(
     partial: wp.array2d(dtype=_sums3),
 ):  # fmt: skip
     row, lane = wp.tid()
-    y = s.first + row
+    y = s.first + s.stride * row
     sums = _sums3()
     for x in range(lane, camera.width, s.step):
         q = rotate(R, ray(camera, float(x), float(y)))
@@ -161,7 +161,7 @@ def _rotation(
             sums[6 + i] += w * J[i] * r
         sums[9] += w * r * r
         sums[10] += 1.0
-    partial[s.first + row, lane] = sums
+    partial[s.first + s.stride * row, lane] = sums
 
 
 @wp.kernel(enable_backward=False)
@@ -170,7 +170,7 @@ def _gradient(
     gradient: wp.array2d(dtype=wp.vec2),
 ):  # fmt: skip
     row, lane = wp.tid()
-    y = s.first + row
+    y = s.first + s.stride * row
     height, width = intensity.shape[0], intensity.shape[1]
     for x in range(lane, width, s.step):
         g = wp.vec2(0.0, 0.0)

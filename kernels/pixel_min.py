@@ -56,7 +56,7 @@ def key_value(key: wp.uint64) -> float:
 @wp.kernel(enable_backward=False)
 def _merge_rows(s: Slice, limit: float, keys: wp.array2d(dtype=wp.uint64), index: wp.array2d(dtype=wp.int32)):
     row, lane = wp.tid()
-    y = s.first + row
+    y = s.first + s.stride * row
     width = index.shape[1]
     for x in range(lane, width, s.step):
         pixel = y * width + x

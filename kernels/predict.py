@@ -27,7 +27,7 @@ def _resolve(
     out_label: wp.array2d(dtype=wp.uint8),
 ):
     row, lane = wp.tid()
-    y = s.first + row
+    y = s.first + s.stride * row
     for x in range(lane, camera.width, s.step):
         i = index[y, x]
         if i >= 0:

@@ -77,7 +77,7 @@ def _surface(
     radius: wp.array2d(dtype=float), edge: wp.array2d(dtype=wp.uint8),
 ):  # fmt: skip
     row, lane = wp.tid()
-    y = s.first + row
+    y = s.first + s.stride * row
     for x in range(lane, camera.width, s.step):
         z = depth[y, x]
         v = z * ray(camera, float(x), float(y))
@@ -110,7 +110,7 @@ def _surface(
 @wp.kernel(enable_backward=False)
 def _vertex(s: Slice, camera: Camera, depth: wp.array2d(dtype=float), vertex: wp.array2d(dtype=wp.vec3)):
     row, lane = wp.tid()
-    y = s.first + row
+    y = s.first + s.stride * row
     for x in range(lane, camera.width, s.step):
         vertex[y, x] = depth[y, x] * ray(camera, float(x), float(y))
 
@@ -123,7 +123,7 @@ def _half_surface(
     intensity_out: wp.array2d(dtype=float),
 ):  # fmt: skip
     row, lane = wp.tid()
-    y = s.first + row
+    y = s.first + s.stride * row
     for x in range(lane, vertex_out.shape[1], s.step):
         nearest = float(1.0e6)
         for k in range(4):

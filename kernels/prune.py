@@ -97,7 +97,7 @@ def _judge(
     weight: wp.array(dtype=wp.float32),
     dead: wp.array(dtype=wp.int32),
 ):
-    block = s.first + wp.tid()
+    block = s.first + s.stride * wp.tid()
     gone = int(0)
     for i in range(block * s.step, wp.min((block + 1) * s.step, s.count)):
         w = weight[i]
