@@ -7,8 +7,9 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check
 TORCH_INDEX ?=
 # The demo: room and its seed.
 SCENE ?= living_room
-SEED ?= 7
-FRAMES ?= 240
+SEED ?= 2
+FRAMES ?= 300
+SIZE ?= 480x360
 DEMO := runs/demo
 
 .PHONY: demo test test-slow lint typecheck bench weights clean help
@@ -40,7 +41,7 @@ $(VENV)/.dev: pyproject.toml constraints.txt | $(VENV)/.torch
 	@touch $@ $(VENV)/.demo
 
 demo: $(VENV)/.demo
-	$(BIN)/dsmap render-scene $(DEMO)/sequence --scene $(SCENE) --seed $(SEED) --frames $(FRAMES) --noise kinect --overwrite
+	$(BIN)/dsmap render-scene $(DEMO)/sequence --scene $(SCENE) --seed $(SEED) --frames $(FRAMES) --size $(SIZE) --noise kinect --overwrite
 	$(BIN)/dsmap map $(DEMO)/sequence --out $(DEMO)/run --overwrite
 	$(BIN)/dsmap evaluate $(DEMO)/run --reference $(DEMO)/sequence
 	@echo "pictures: $$(ls $(DEMO)/run/pictures/*.png | tr '\n' ' ')"
