@@ -108,14 +108,6 @@ def _surface(
 
 
 @wp.kernel(enable_backward=False)
-def _vertex(s: Slice, camera: Camera, depth: wp.array2d(dtype=float), vertex: wp.array2d(dtype=wp.vec3)):
-    row, lane = wp.tid()
-    y = s.first + s.stride * row
-    for x in range(lane, camera.width, s.step):
-        vertex[y, x] = depth[y, x] * ray(camera, float(x), float(y))
-
-
-@wp.kernel(enable_backward=False)
 def _half_surface(
     s: Slice,
     vertex: wp.array2d(dtype=wp.vec3), normal: wp.array2d(dtype=wp.vec3), intensity: wp.array2d(dtype=float),
@@ -244,10 +236,3 @@ def preprocess(
         vertex, normal, _ = half_surface(last.vertex, last.normal, last.intensity)
         levels.append(FrameMaps(None, vertex, normal, half_image(last.intensity)))
     return levels
-
-
-def back_project(depth: wp.array, camera: Camera) -> wp.array:
-    """Vertex map [m] of a depth map, both of shape (H, W)."""
-    vertex = wp.empty(depth.shape, dtype=wp.vec3, device=depth.device)
-    launch_rows(_vertex, *depth.shape, [camera, depth], [vertex], depth.device)
-    return vertex
