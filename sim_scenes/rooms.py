@@ -8,7 +8,7 @@ from dsmap.errors import InputError
 from dsmap.sim_scenes import decor, furniture, lighting, shell, storage, textures_art
 from dsmap.sim_scenes.layout import Layout, Wall
 from dsmap.sim_scenes.looks import Looks
-from dsmap.sim_scenes.scene import Assembly, Scene
+from dsmap.sim_scenes.scene import Assembly, Room, Scene
 from dsmap.sim_scenes.shapes import Shape, box
 from dsmap.sim_scenes.textures import Rng
 
@@ -25,6 +25,7 @@ def build_scene(name: str, seed: int) -> Scene:
     looks = Looks(rng)
     size = np.array([rng.uniform(4.4, 5.8), rng.uniform(3.9, 5.0), rng.uniform(2.45, 2.75)])
     scene = Scene(name, seed, size, looks.materials)
+    scene.rooms.append(Room(name, -size[:2] / 2, size[:2] / 2, float(size[2])))
     layout = Layout(scene, rng)
     main = int(rng.integers(4))
     window, door = ((main + rng.permutation([1, 2, 3])) % 4)[:2]

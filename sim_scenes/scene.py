@@ -36,6 +36,34 @@ class Light:
 
 
 @dataclass(frozen=True)
+class Room:
+    """One room of a scene: an axis-aligned box with its floor at z = 0."""
+
+    kind: str
+    """Name of the room kind: living_room, bedroom, office, kitchen, bathroom, corridor."""
+    low: np.ndarray
+    """Inner corner of smallest x, y [m], shape (2,)."""
+    high: np.ndarray
+    """Inner corner of largest x, y [m], shape (2,)."""
+    height: float
+    """Of the ceiling [m]."""
+
+
+@dataclass(frozen=True)
+class Door:
+    """A way through a wall between two rooms of a scene: an open or ajar door, or an opening without one."""
+
+    centre: np.ndarray
+    """Middle of the opening on the floor, halfway through the wall [m], shape (2,)."""
+    normal: np.ndarray
+    """Unit vector along the way through, from `rooms[0]` into `rooms[1]`, shape (2,)."""
+    width: float
+    """Free width [m]."""
+    rooms: tuple[int, int]
+    """Indices into `Scene.rooms`."""
+
+
+@dataclass(frozen=True)
 class Part:
     """One mesh in world coordinates, of one material, class and instance."""
 
@@ -80,12 +108,12 @@ class Assembly:
 
 @dataclass
 class Scene:
-    """A room ready to be rendered. Metres; z is up, the floor at 0, the room's centre at x = y = 0."""
+    """Rooms ready to be rendered. Metres; z is up, the floor at 0, the middle of all rooms at x = y = 0."""
 
     name: str
     seed: int
     size: np.ndarray
-    """Inner width (x), depth (y), height (z) of the room."""
+    """Inner width (x), depth (y), height (z) of the room; of the box around all rooms where there are several."""
     materials: dict[str, Material]
     parts: list[Part] = field(default_factory=list)
     lights: list[Light] = field(default_factory=list)
@@ -93,6 +121,10 @@ class Scene:
     targets: list[np.ndarray] = field(default_factory=list)
     """Points worth looking at; the first is the room's main piece."""
     instances: int = 0
+    rooms: list[Room] = field(default_factory=list)
+    """One, or all rooms of a flat; a scene that was imported may have none."""
+    doors: list[Door] = field(default_factory=list)
+    """Ways between the rooms; closed doors and doors that lead outside are not among them."""
 
     def place(self, assembly: Assembly, xyz: Sequence[float], yaw: float = 0.0) -> None:
         """Put an assembly into the room; its items become instances, its parts merge by material and class."""
