@@ -29,6 +29,26 @@ PALETTE = np.array(
 """RGB colour of each class, shape (14, 3)."""
 
 
+NYU40_NAMES: tuple[str, ...] = (
+    "void", "wall", "floor", "cabinet", "bed", "chair", "sofa", "table", "door", "window", "bookshelf",
+    "picture", "counter", "blinds", "desk", "shelves", "curtain", "dresser", "pillow", "mirror", "floor mat",
+    "clothes", "ceiling", "books", "refrigerator", "television", "paper", "towel", "shower curtain", "box",
+    "whiteboard", "person", "night stand", "toilet", "sink", "lamp", "bathtub", "bag", "other structure",
+    "other furniture", "other prop",
+)  # fmt: skip
+"""The 40 classes of Gupta et al. (CVPR 2013), which ScanNet calls `nyu40id`; index = id, 0 = unlabelled."""
+
+NYU40_TO_13 = np.array(
+    [0, 12, 5, 6, 1, 4, 9, 10, 12, 13, 6, 8, 6, 13, 10, 6, 13, 6, 7, 7, 5, 7, 3, 2, 6, 11, 7, 7, 7, 7, 7, 7,
+     6, 7, 7, 7, 7, 7, 7, 6, 7],
+    dtype=np.uint8,
+)  # fmt: skip
+"""NYU40 id to our class, shape (41,): `class13Mapping.mat` of Handa's nyuv2-meta-data, as used by SemanticFusion."""
+
+CLASS_TO_NYU40 = np.array([0, 4, 23, 22, 5, 2, 39, 40, 11, 6, 7, 25, 1, 9], dtype=np.uint8)
+"""Our class to the NYU40 id that stands for it, shape (14,): furniture is `other furniture`, objects `other prop`."""
+
+
 def colourise(labels: np.ndarray) -> np.ndarray:
     """Class ids, any shape, to RGB uint8, shape (..., 3)."""
     return PALETTE[np.minimum(labels, NUM_CLASSES - 1)]
