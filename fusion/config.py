@@ -77,6 +77,28 @@ class LabelConfig:
 
 
 @dataclass
+class FernConfig:
+    """Keyframe database for global loops and relocalisation (Glocker et al. 2015)."""
+
+    count: int = 500
+    """Ferns: pixels of the small view, each with one test of R, G, B and depth."""
+    width: int = 80
+    """Columns of the small view [px]; its height follows from the image."""
+    seed: int = 0
+    """Of the ferns' pixels and thresholds."""
+    novelty: float = 0.2
+    """A view at least this unlike every keyframe (share of ferns that differ) becomes a keyframe."""
+    min_overlap: float = 0.3
+    """Two views are comparable if this share of the ferns has data in both."""
+    min_similarity: float = 0.3
+    """A candidate is more like the view than this."""
+    min_age: int = 300
+    """A candidate for a loop is at least this many frames old."""
+    candidates: int = 3
+    """How many of the most similar keyframes are verified."""
+
+
+@dataclass
 class MapConfig:
     """All of a run's parameters."""
 
@@ -91,3 +113,4 @@ class MapConfig:
     track: TrackConfig = field(default_factory=TrackConfig)
     surfels: SurfelConfig = field(default_factory=SurfelConfig)
     labels: LabelConfig = field(default_factory=LabelConfig)
+    ferns: FernConfig = field(default_factory=FernConfig)
