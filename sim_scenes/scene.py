@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from dsmap.classes import CLASS_NAMES
-from dsmap.sim_scenes.shapes import Shape, merged
+from dsmap.sim_scenes.shapes import Shape, merged, rotation_z
 
 
 @dataclass(frozen=True)
@@ -71,6 +71,18 @@ class Part:
     material: str
     label: int
     instance: int
+    body: int = 0
+    """0 = part of the static world; k = moves with `scene.bodies[k - 1]`, and is given as it stands at rest."""
+
+
+@dataclass(frozen=True)
+class Body:
+    """A thing that can move as a whole, relative to the world."""
+
+    name: str
+    instance: int
+    T_world_rest: np.ndarray
+    """Where its frame is while its parts are where `Scene.parts` has them, shape (4, 4)."""
 
 
 @dataclass
@@ -84,6 +96,8 @@ class Assembly:
     surfaces: list[tuple[float, float, float, float, float]] = field(default_factory=list)
     """Where things may stand: x0, y0, x1, y1, z [m]."""
     items: int = 1
+    name: str = ""
+    """What it is, where its class does not say it: the name of the function that made it."""
 
     def add(self, shape: Shape, material: str, label: str | None = None) -> None:
         """Add a part of the piece itself."""
@@ -106,6 +120,20 @@ class Assembly:
         return np.array([*(2 * np.maximum(np.abs(low[:2]), np.abs(high[:2]))), high[2]])
 
 
+@dataclass(frozen=True)
+class Piece:
+    """An assembly that was put into a scene."""
+
+    name: str
+    room: int
+    """Index into `Scene.rooms`."""
+    instance: int
+    """Of the piece itself; the things that stand on it have the numbers that follow, `assembly.items` in all."""
+    T_world_piece: np.ndarray
+    """Shape (4, 4)."""
+    assembly: Assembly
+
+
 @dataclass
 class Scene:
     """Rooms ready to be rendered. Metres; z is up, the floor at 0, the middle of all rooms at x = y = 0."""
@@ -125,21 +153,55 @@ class Scene:
     """One, or all rooms of a flat; a scene that was imported may have none."""
     doors: list[Door] = field(default_factory=list)
     """Ways between the rooms; closed doors and doors that lead outside are not among them."""
+    pieces: list[Piece] = field(default_factory=list)
+    """Every assembly in its order; what physics and checks work on (`parts` is what is rendered)."""
+    bodies: list[Body] = field(default_factory=list)
+    """What can move; empty unless `moving.add_mover` was asked for something."""
 
-    def place(self, assembly: Assembly, xyz: Sequence[float], yaw: float = 0.0) -> None:
-        """Put an assembly into the room; its items become instances, its parts merge by material and class."""
+    def place(
+        self, assembly: Assembly, xyz: Sequence[float], yaw: float = 0.0, name: str = "", room: int = 0
+    ) -> None:
+        """Stand an assembly upright at `xyz`, turned by `yaw`; see `put`."""
+        T_world_piece = np.eye(4)
+        T_world_piece[:3, :3], T_world_piece[:3, 3] = rotation_z(yaw), xyz
+        self.put(assembly, T_world_piece, name, room)
+
+    def put(self, assembly: Assembly, T_world_piece: np.ndarray, name: str = "", room: int = 0) -> None:
+        """Put an assembly into a room; its items become instances, its parts merge by material and class."""
+        turn, shift = T_world_piece[:3, :3], T_world_piece[:3, 3]
         groups: dict[tuple[int, str, str], list[Shape]] = {}
         for shape, material, label, item in assembly.parts:
-            groups.setdefault((item, material, label), []).append(shape.moved(xyz, yaw))
+            groups.setdefault((item, material, label), []).append(shape.turned(turn).moved(shift))
         for (item, material, label), shapes in groups.items():
             instance = self.instances + 1 + item
             self.parts.append(Part(merged(shapes), material, CLASS_NAMES.index(label), instance))
+        first = self.instances + 1
+        self.pieces.append(
+            Piece(name or assembly.name or assembly.label, room, first, T_world_piece, assembly)
+        )
         self.instances += assembly.items
 
-    def surface(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """All meshes as one: vertices (N, 3), faces (F, 3), class of each face (F,), instance of each face (F,)."""
-        whole = merged([p.shape for p in self.parts])
-        counts = [len(p.shape.faces) for p in self.parts]
-        labels = np.repeat(np.array([p.label for p in self.parts], np.uint8), counts)
-        instances = np.repeat(np.array([p.instance for p in self.parts], np.uint16), counts)
+    def surface(self, moving: bool = True) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """All meshes as one: vertices (N, 3), faces (F, 3), class of each face (F,), instance of each face (F,).
+
+        `moving=False` leaves out the parts of `bodies`; otherwise they are there as they stand at rest.
+        """
+        parts = [p for p in self.parts if moving or p.body == 0]
+        whole = merged([p.shape for p in parts])
+        counts = [len(p.shape.faces) for p in parts]
+        labels = np.repeat(np.array([p.label for p in parts], np.uint8), counts)
+        instances = np.repeat(np.array([p.instance for p in parts], np.uint16), counts)
         return whole.vertices, whole.faces, labels, instances
+
+    def moved_by(self, T_world_body: np.ndarray | None) -> dict[int, np.ndarray]:
+        """What takes the vertices of each moving part from rest to now, by part index: shape (4, 4) each.
+
+        Args:
+            T_world_body: poses of `bodies` now, shape (bodies, 4, 4); None = at rest.
+        """
+        if T_world_body is None:
+            T_world_body = np.array([body.T_world_rest for body in self.bodies])
+        moved = [
+            now @ np.linalg.inv(b.T_world_rest) for now, b in zip(T_world_body, self.bodies, strict=True)
+        ]
+        return {i: moved[part.body - 1] for i, part in enumerate(self.parts) if part.body}
