@@ -37,8 +37,11 @@ class Image:
 class Renderer(Protocol):
     """One scene seen through one camera."""
 
-    def __call__(self, T_world_camera: np.ndarray) -> Image:
-        """Render from a pose, shape (4, 4); camera axes x right, y down, z forward."""
+    def __call__(self, T_world_camera: np.ndarray, T_world_body: np.ndarray | None = None) -> Image:
+        """Render from a pose, shape (4, 4); camera axes x right, y down, z forward.
+
+        `T_world_body` are the poses of `scene.bodies` in this frame, shape (bodies, 4, 4); None = at rest.
+        """
         ...
 
     def close(self) -> None:
@@ -68,6 +71,13 @@ def open_renderer(name: str, scene: Scene, camera: Intrinsics) -> Renderer:
 
         return render_gl.open_renderer(name, scene, camera)
     raise InputError(f"unknown renderer {name!r}; expected one of: {', '.join(RENDERERS)}")
+
+
+def pixel_rays(camera: Intrinsics) -> np.ndarray:
+    """Unit vector along the ray of every pixel's centre in the camera's axes, float32, shape (H, W, 3)."""
+    x, y = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
+    rays = np.stack([(x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy, np.ones(x.shape)], -1)
+    return (rays / np.linalg.norm(rays, axis=-1, keepdims=True)).astype(np.float32)
 
 
 def part_tables(scene: Scene) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -111,19 +121,35 @@ class WarpRenderer:
                 deterministic=True,
                 shadow_light_fraction=0.12,
             )
+            # The camera model of mujoco-warp knows only centred images: each pixel gets its ray from us.
+            self._context.ray.assign(pixel_rays(camera).reshape(-1, 3) * [1, -1, -1])
+            self._rest = (self._data.geom_xpos.numpy().copy(), self._data.geom_xmat.numpy().copy())
+            self._scene = scene
             mujoco_warp.refit_bvh(self._model, self._data, self._context)
 
-    def __call__(self, T_world_camera: np.ndarray) -> Image:
+    def __call__(self, T_world_camera: np.ndarray, T_world_body: np.ndarray | None = None) -> Image:
         """Render from a pose, shape (4, 4). Renderers may run side by side, each in a thread of its own."""
         if self._fresh or not self._default_is_cpu:
             # Where a GPU is Warp's default, going to the CPU for a while concerns the whole process.
             with _ONE_AT_A_TIME, self._wp.ScopedDevice("cpu"):
                 self._fresh = False
-                return self._render(T_world_camera)
-        return self._render(T_world_camera)
+                return self._render(T_world_camera, T_world_body)
+        return self._render(T_world_camera, T_world_body)
 
-    def _render(self, T_world_camera: np.ndarray) -> Image:
+    def _move(self, T_world_body: np.ndarray | None) -> None:
+        """Bring the geoms of moving parts to where they are now."""
+        position, rotation = (values.copy() for values in self._rest)
+        for geom, T_now_rest in self._scene.moved_by(T_world_body).items():
+            position[0, geom] = T_now_rest[:3, :3] @ position[0, geom] + T_now_rest[:3, 3]
+            rotation[0, geom] = T_now_rest[:3, :3] @ rotation[0, geom]
+        self._data.geom_xpos.assign(position)
+        self._data.geom_xmat.assign(rotation)
+        self._mjw.refit_bvh(self._model, self._data, self._context)
+
+    def _render(self, T_world_camera: np.ndarray, T_world_body: np.ndarray | None) -> Image:
         context = self._context
+        if self._scene.bodies:
+            self._move(T_world_body)
         # MuJoCo's camera looks along -z with y up.
         rotation = T_world_camera[:3, :3] @ np.diag([1.0, -1.0, -1.0])
         self._data.cam_xmat.assign(rotation[None, None].astype(np.float32))

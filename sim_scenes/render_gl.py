@@ -43,10 +43,12 @@ class MujocoRenderer:
         import mujoco
 
         # MuJoCo chose its context class when it was first imported, perhaps before EGL was asked for.
-        from mujoco.egl import GLContext
+        from mujoco import egl
         from mujoco.rendering.classic import gl_context
 
-        gl_context.GLContext = GLContext
+        gl_context.GLContext = egl.GLContext
+        if egl.EGL_DISPLAY is not None:  # pyrender, when it was closed, ended the display they share
+            egl.EGL.eglInitialize(egl.EGL_DISPLAY, None, None)
         self._point, self._spot = (
             int(mujoco.mjtLightType.mjLIGHT_POINT),
             int(mujoco.mjtLightType.mjLIGHT_SPOT),
@@ -55,12 +57,28 @@ class MujocoRenderer:
         self._data = mujoco.MjData(self._model)
         mujoco.mj_forward(self._model, self._data)
         self._renderer = mujoco.Renderer(self._model, camera.height, camera.width)
+        self._scene, self._lens = scene, camera
+        self._rest = (self._data.geom_xpos.copy(), self._data.geom_xmat.copy())
 
-    def __call__(self, T_world_camera: np.ndarray) -> Image:
-        """Render from a pose, shape (4, 4)."""
+    def _frustum(self) -> None:
+        """The camera's own principal point and focal lengths in place of MuJoCo's centred square pixels."""
+        lens = self._lens
+        for view in self._renderer.scene.camera:
+            left, right = (np.array([-0.5, lens.width - 0.5]) - lens.cx) / lens.fx * view.frustum_near
+            top, bottom = (np.array([-0.5, lens.height - 0.5]) - lens.cy) / lens.fy * -view.frustum_near
+            view.frustum_center, view.frustum_width = (left + right) / 2, (right - left) / 2
+            view.frustum_bottom, view.frustum_top = bottom, top
+
+    def __call__(self, T_world_camera: np.ndarray, T_world_body: np.ndarray | None = None) -> Image:
+        """Render from a pose, shape (4, 4), with `scene.bodies` at theirs, (bodies, 4, 4) or at rest."""
+        for geom, T_now_rest in self._scene.moved_by(T_world_body).items():
+            turn = T_now_rest[:3, :3]
+            self._data.geom_xpos[geom] = turn @ self._rest[0][geom] + T_now_rest[:3, 3]
+            self._data.geom_xmat[geom] = (turn @ self._rest[1][geom].reshape(3, 3)).ravel()
         renderer, pose = self._renderer, T_world_camera @ _FLIP
         self._data.cam_xpos[0], self._data.cam_xmat[0] = pose[:3, 3], pose[:3, :3].ravel()
         renderer.update_scene(self._data, camera="camera")
+        self._frustum()
         for light in renderer.scene.lights[: renderer.scene.nlight]:
             if light.type == self._point:
                 # MuJoCo 4.0 draws point lights black; OpenGL takes a spot of 180 degrees for one. A shadow
@@ -90,7 +108,7 @@ class PyrenderRenderer:
         self._pyrender, self._shape = pyrender, (camera.height, camera.width)
         world = pyrender.Scene(bg_color=np.zeros(4), ambient_light=0.9 * scene.ambient)
         looks = {name: self._material(scene.materials[name]) for name in {p.material for p in scene.parts}}
-        self._codes = {}
+        self._scene, self._codes, self._nodes = scene, {}, []
         for i, part in enumerate(scene.parts):
             shape, tile = part.shape, scene.materials[part.material].tile
             mesh = trimesh.Trimesh(shape.vertices, shape.faces, process=False)
@@ -102,6 +120,7 @@ class PyrenderRenderer:
                 material=looks[part.material],
             )
             node = world.add(pyrender.Mesh([primitive]))
+            self._nodes.append(node)
             self._codes[node] = np.array([(i + 1) >> 8, (i + 1) & 255, 0], np.uint8)
         for light in scene.lights:
             self._add_light(world, light)
@@ -146,8 +165,10 @@ class PyrenderRenderer:
         assert image is not None  # only where asked to draw on a screen
         return image
 
-    def __call__(self, T_world_camera: np.ndarray) -> Image:
-        """Render from a pose, shape (4, 4)."""
+    def __call__(self, T_world_camera: np.ndarray, T_world_body: np.ndarray | None = None) -> Image:
+        """Render from a pose, shape (4, 4), with `scene.bodies` at theirs, (bodies, 4, 4) or at rest."""
+        for i, T_now_rest in self._scene.moved_by(T_world_body).items():
+            self._world.set_pose(self._nodes[i], T_now_rest)
         self._world.set_pose(self._camera, T_world_camera @ _FLIP)
         rgb, _ = self._render(self._pyrender.RenderFlags.NONE)
         # The colour pass is multi-sampled, its depth off the pixel's centre; this one is not.
