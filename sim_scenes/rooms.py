@@ -194,3 +194,5 @@ ROOMS: dict[str, Callable[[Rng, Looks, Layout, int], np.ndarray]] = {
     "bedroom": _bedroom,
 }
 """Name of a room to the function that furnishes it and returns the point to look at first."""
+MIX: dict[str, float] = {"living_room": 1.0, "bedroom": 1.0}
+"""Shares of the kinds of rooms in a training set."""
