@@ -14,6 +14,11 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "view": ("dsmap.tools.view", "Show a run in the browser, or render it to pictures."),
     "bench": ("dsmap.tools.bench", "Time every stage, and a peer on the same frames in the same run."),
     "render-scene": ("dsmap.tools.render_scene", "Render a labelled RGB-D sequence of a synthetic room."),
+    "contact-sheet": (
+        "dsmap.tools.contact_sheet",
+        "Render one view of each of many scenes into one picture.",
+    ),
+    "convert": ("dsmap.tools.convert", "Write a recording as NYU40 labels, COCO panoptic or nerfstudio."),
     "train": ("dsmap.tools.train", "Train DS-Net on sequences or on images with labels."),
     "cut": ("dsmap.tools.cut", "Copy a stretch of a recording into a new sequence in the TUM layout."),
 }
@@ -21,7 +26,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
 
 _PACKAGE_EXTRA = {
     "torch": "dsnet", "mujoco": "sim", "mujoco_warp": "sim", "trimesh": "sim",
-    "pyrender": "sim", "viser": "view", "open3d": "bench", "evo": "bench",
+    "pyrender": "sim", "ray": "ray", "viser": "view", "open3d": "bench", "evo": "bench",
 }  # fmt: skip
 
 
