@@ -55,7 +55,7 @@ class SurfelConfig:
     clean_every: int = 3
     """Clean up in every n-th frame."""
     active_window: int = 200
-    """Surfels updated within this many frames are active."""
+    """Surfels updated within this many frames are active; with loops off all are."""
 
 
 @dataclass
@@ -74,6 +74,40 @@ class LabelConfig:
     """Smallest probability of a class: one zero must not kill a class for good."""
     temperature: float = 1.0
     """The posterior's log is divided by this; over-confident products want more than 1."""
+
+
+@dataclass
+class LoopConfig:
+    """Loop closure (Eq. 4). Pixel counts and covariances are those of a 640x480 image and are scaled."""
+
+    mode: Literal["on", "local", "global", "off"] = "on"
+    """local: active view against inactive view; global: by keyframes; off: no window, one map for good."""
+    view_width: int = 320
+    """The inactive model is predicted on the finest pyramid level of at most this many columns."""
+    iterations: int = 10
+    """Gauss-Newton iterations a level of registering the active view to the inactive one."""
+    max_mean_square: float = 5e-5
+    """Gate: mean squared point-to-plane distance [m^2]."""
+    min_inliers: int = 35000
+    """Gate: matched pixels."""
+    max_covariance: float = 1e-5
+    """Gate: every diagonal entry of (J^T J)^-1, residuals in metres and intensity in [0, 1]."""
+    min_agreement: float = 0.7
+    """Gate: share of the pixels seen in both views, after registration, that are one surface."""
+    max_rms_rgb: float = 0.12
+    """Gate: RMS of photometric residuals; another place of the same shape has other colours."""
+    max_drift: float = 0.05
+    """Gate: a loop moves the camera by at most this share of the way since, plus 5 cm."""
+    negligible: float = 0.005
+    """Views that differ by less than this [m] are one: inactive surfels become active, nothing is deformed."""
+    trust: int = 30
+    """After a loop, surfels that come into view need only agree with the active view for this many frames."""
+    constraint_grid: int = 20
+    """Columns of the grid of pixels from which constraints are taken."""
+    max_constraint_error: float = 0.01
+    """Gate: RMS distance [m] that a deformation may leave between a constraint's source and destination."""
+    global_every: int = 5
+    """Keyframes are asked in every n-th frame."""
 
 
 @dataclass
@@ -99,6 +133,60 @@ class FernConfig:
 
 
 @dataclass
+class RelocaliseConfig:
+    """When a pose found in the map without a guess is believed."""
+
+    rounds: int = 2
+    """Registrations at full size, each against the model predicted anew."""
+    small_inlier_fraction: float = 0.25
+    """The small views register if this share of the pixels finds a partner."""
+    min_inlier_fraction: float = 0.4
+    """Share of the frame's pixels with depth that must match the model."""
+    max_rms: float = 0.015
+    """Largest RMS of point-to-plane residuals [m]."""
+    max_std: float = 0.005
+    """Largest standard deviation of the pose, in any direction [m, rad]."""
+    slack: float = 0.02
+    """Whole image: depths that differ by less than this [m]..."""
+    slack_z2: float = 0.01
+    """... plus this times depth squared [1/m] agree."""
+    min_overlap: float = 0.4
+    """Share of the frame's depth image that the model covers."""
+    min_same: float = 0.8
+    """Share of that in which the depths agree."""
+    max_seen_through: float = 0.1
+    """Share of that in which the frame looks through a surface of the model."""
+    min_ncc: float = 0.4
+    """Correlation of the intensities, local mean taken off."""
+
+
+@dataclass
+class GraphConfig:
+    """The deformation graph: E = w_rot E_rot + w_reg E_reg + w_con (E_con + E_pin)."""
+
+    spacing: int = 5000
+    """One node per this many surfels, at 640x480; scaled with the number of pixels."""
+    min_nodes: int = 32
+    """A small map has this many nodes nevertheless..."""
+    max_nodes: int = 3000
+    """... and a large one no more than this: the time of a fit grows with the nodes."""
+    window: int = 20
+    """Nodes before and after a point's time that may move it."""
+    w_rot: float = 1.0
+    """Weight of E_rot: nodes move rigidly."""
+    w_reg: float = 10.0
+    """Weight of E_reg: neighbours agree."""
+    w_con: float = 100.0
+    """Weight of constraints and pins."""
+    iterations: int = 20
+    """Gauss-Newton iterations at most."""
+    max_constraint: float = 0.02
+    """A fit is refused if constraints or pins are off by more than this [m, RMS]..."""
+    max_strain: float = 0.05
+    """... or if it strains the map by more than this (RMS of E_rot)."""
+
+
+@dataclass
 class MapConfig:
     """All of a run's parameters."""
 
@@ -113,4 +201,7 @@ class MapConfig:
     track: TrackConfig = field(default_factory=TrackConfig)
     surfels: SurfelConfig = field(default_factory=SurfelConfig)
     labels: LabelConfig = field(default_factory=LabelConfig)
+    loops: LoopConfig = field(default_factory=LoopConfig)
     ferns: FernConfig = field(default_factory=FernConfig)
+    relocalise: RelocaliseConfig = field(default_factory=RelocaliseConfig)
+    graph: GraphConfig = field(default_factory=GraphConfig)

@@ -15,6 +15,8 @@ from dsmap.kernels.types import FrameMaps
 
 _CONVERGED = 1e-4
 """A step below this (metres and radians alike) ends a level: a twentieth of a pixel at 1 m."""
+_VGA_PIXELS = 640 * 480
+"""Published pixel counts are those of this image size."""
 _SO3_ITERATIONS = 6
 _SO3_CONVERGED = 1e-3
 """A rotation step [rad] below this ends pre-alignment: a sixth of a pixel of the coarsest level."""
@@ -37,20 +39,39 @@ class Health:
     """Of the twist (translation [m], rotation [rad]), shape (6, 6)."""
     information_icp: float
     """Share of the information (trace of the normalised J^T J) that comes from ICP."""
+    inliers: float
+    """Associated pixels, as if the image had 640x480 and every pixel counted."""
+    cofactor: np.ndarray
+    """Diagonal of (J^T J)^-1 at that many pixels, shape (6,)."""
 
 
 class ModelView:
-    """The active model as predicted from one pose: pyramids of vertex, normal, intensity, gradient."""
+    """The model as predicted from one pose: a pyramid of (vertex, normal, intensity, gradient).
+
+    The maps given are those of pyramid level `finest`; `levels` has None below it.
+    """
 
     def __init__(
-        self, vertex: wp.array, normal: wp.array, intensity: wp.array, levels: int, T_world_camera: np.ndarray
+        self,
+        vertex: wp.array,
+        normal: wp.array,
+        intensity: wp.array,
+        levels: int,
+        T_world_camera: np.ndarray,
+        finest: int = 0,
     ):
         self.T_world_camera = T_world_camera
-        self.levels = []
-        for level in range(levels):
-            if level:
+        self.finest = finest
+        self.levels: list[Any] = [None] * finest
+        for level in range(finest, levels):
+            if level > finest:
                 vertex, normal, intensity = half_surface(vertex, normal, intensity)
             self.levels.append((vertex, normal, intensity, gradient(intensity, vertex)))
+
+    @property
+    def surface(self) -> list[Any]:
+        """(vertex, normal, intensity) a level: the view as something that can itself be registered."""
+        return [level and level[:3] for level in self.levels]
 
 
 class Tracker:
@@ -74,32 +95,52 @@ class Tracker:
         """
         T_prev_cur = np.eye(4)
         if self.config.so3 and self._last_coarse is not None:
-            T_prev_cur[:3, :3] = self._prealign(frame[-1].intensity)
+            T_prev_cur[:3, :3] = self.prealign(frame[-1].intensity, *self._last_coarse)
+        source = [(maps.vertex, maps.normal, maps.intensity) for maps in frame]
+        return self.register(source, model, T_prev_cur)
+
+    def register(
+        self,
+        source: Sequence[Any],
+        model: ModelView,
+        T_model_source: np.ndarray,
+        iterations: Sequence[int] | None = None,
+    ) -> tuple[np.ndarray, Health]:
+        """Register one view to another, coarse to fine, down to the model's finest level.
+
+        Args:
+            source: (vertex, normal, intensity) a pyramid level; levels finer than the model's are not used.
+            T_model_source: first guess, shape (4, 4).
+            iterations: a level, fine to coarse; as configured for tracking if None.
+
+        Returns:
+            T_model_source, which takes points of the source camera into the model's, and the verdict.
+        """
+        iterations = iterations or self.config.iterations
         icp = rgb = None
-        for level in reversed(range(len(self.cameras))):
-            maps = frame[level]
-            current = (maps.vertex, maps.normal, maps.intensity)
+        for level in reversed(range(model.finest, len(self.cameras))):
             gates = self._gates(level)
-            for _ in range(self.config.iterations[level]):
+            for _ in range(iterations[level]):
                 icp, rgb = joint_normal_equations(
-                    self.cameras[level], T_prev_cur, gates, current, model.levels[level]
+                    self.cameras[level], T_model_source, gates, source[level], model.levels[level]
                 )
                 # Eq. 3: E = E_icp + w_rgb E_rgb
                 xi = _solve(icp[0] + self.config.w_rgb * rgb[0], icp[1] + self.config.w_rgb * rgb[1])
                 if xi is None:
-                    return T_prev_cur, self._verdict(frame, icp, rgb, diverged=True)
-                T_prev_cur = exp_se3(xi) @ T_prev_cur
+                    return T_model_source, self._verdict(source, model.finest, icp, rgb, diverged=True)
+                T_model_source = exp_se3(xi) @ T_model_source
                 if np.abs(xi).max() < _CONVERGED * 2**level:
                     break
-        return T_prev_cur, self._verdict(frame, icp, rgb, diverged=not np.isfinite(T_prev_cur).all())
+        diverged = not np.isfinite(T_model_source).all()
+        return T_model_source, self._verdict(source, model.finest, icp, rgb, diverged)
 
-    def _prealign(self, intensity: wp.array) -> np.ndarray:
-        assert self._last_coarse is not None
+    def prealign(self, intensity: wp.array, last_intensity: wp.array, last_gradient: wp.array) -> np.ndarray:
+        """R_prev_cur, shape (3, 3), that best turns one image of the coarsest level into another."""
         R_prev_cur = np.eye(3)
         best, best_cost = R_prev_cur, np.inf
         for _ in range(_SO3_ITERATIONS):
             A, b, cost, count = rotation_normal_equations(
-                self.cameras[-1], R_prev_cur, intensity, *self._last_coarse
+                self.cameras[-1], R_prev_cur, intensity, last_intensity, last_gradient
             )
             if count < 100 or cost / count >= best_cost:
                 break
@@ -125,12 +166,14 @@ class Tracker:
         return gates
 
     def _verdict(
-        self, frame: Sequence[FrameMaps], icp: tuple | None, rgb: tuple | None, diverged: bool
+        self, source: Sequence[Any], finest: int, icp: tuple | None, rgb: tuple | None, diverged: bool
     ) -> Health:
         if icp is None or rgb is None:
-            return Health(False, "no iterations", 0.0, np.inf, np.inf, np.full((6, 6), np.inf), 0.0)
-        config = self.config
-        valid = np.count_nonzero(frame[0].vertex.numpy()[:: config.stride[0], :: config.stride[0], 2])
+            infinite = np.full((6, 6), np.inf)
+            return Health(False, "no iterations", 0.0, np.inf, np.inf, infinite, 0.0, 0.0, infinite[0])
+        config, stride = self.config, self.config.stride[finest]
+        sampled = source[finest][0].numpy()[::stride, ::stride, 2]
+        valid = np.count_nonzero(sampled)
         fraction = icp[3] / max(valid, 1)
         rms_icp = float(np.sqrt(icp[2] / max(icp[3], 1)))
         rms_rgb = float(np.sqrt(rgb[2] / max(rgb[3], 1)))
@@ -152,7 +195,11 @@ class Tracker:
             (std > config.max_std, f"pose uncertain by {std * 1e3:.1f} mm or mrad"),
         ]
         reason = next((text for bad, text in reasons if bad), "")
-        return Health(not reason, reason, fraction, rms_icp, rms_rgb, covariance, share)
+        scale = _VGA_PIXELS / sampled.size
+        cofactor = np.diag(np.linalg.pinv(scale * A)) if np.isfinite(A).all() else np.full(6, np.inf)
+        return Health(
+            not reason, reason, fraction, rms_icp, rms_rgb, covariance, share, scale * icp[3], cofactor
+        )
 
 
 def _solve(A: np.ndarray, b: np.ndarray) -> np.ndarray | None:
