@@ -18,19 +18,19 @@ from dsmap.fusion.semantics import Schedule
 from dsmap.fusion.tracker import Health, ModelView, Tracker
 from dsmap.kernels.associate import associate
 from dsmap.kernels.camera import make_camera
+from dsmap.kernels.compact import Sweep
+from dsmap.kernels.culling import Blocks
 from dsmap.kernels.fuse import fuse_frame
 from dsmap.kernels.label import posterior, update_labels
 from dsmap.kernels.predict import predict_model
 from dsmap.kernels.preprocess import clean_depth, intensity_map, preprocess
-from dsmap.kernels.prune import compact, prune
+from dsmap.kernels.prune import prune
 from dsmap.kernels.types import FrameMaps, ModelMaps, SurfelMap
 
 LEVELS = 3
 """Pyramid levels of tracking."""
 _MIN_DEPTH_PIXELS = 0.02
 """A frame with a smaller share of valid depth is lost: there is nothing to track or to fuse."""
-_DEAD_SHARE = 0.1
-"""Share of dead surfels from which compaction pays."""
 
 
 @dataclass
@@ -84,6 +84,9 @@ class Mapper:
         self.tracker = Tracker(config.track, self.cameras)
         self.schedule = Schedule(config.labels)
         self.surfels = SurfelMap.empty(self.device)
+        self.blocks = Blocks(self.surfels, config.surfels.stable_weight)
+        self._sweep = Sweep(self.surfels, self.blocks)
+        self._visible: wp.array | None = None
         self.view: ModelView | None = None
         self.time = 0
         self.T_world_camera = np.eye(4)
@@ -104,6 +107,7 @@ class Mapper:
             tracked, reason, health = self._locate(frame, maps)
         if tracked:
             with self._stage("associate"):
+                self._visible = self.visible(self.T_world_camera)
                 self._associate(maps[0])
             with self._stage("fuse"):
                 T, camera = self.T_world_camera, self.camera
@@ -183,32 +187,42 @@ class Mapper:
         associate(
             self.surfels, self.camera, self.T_world_camera, maps.vertex, maps.normal, maps.edge, match=self._match,
             max_ray_distance=surfels.max_ray_distance, max_ray_distance_z2=surfels.ray_distance_z2,
-            max_angle=surfels.max_angle,
+            max_angle=surfels.max_angle, visible=self._visible,
         )  # fmt: skip
 
+    def visible(self, T_world_camera: np.ndarray) -> wp.array:
+        """Blocks of the map that may hold what a frame from this pose sees: `visible` of the kernels' launchers."""
+        config = self.config.surfels
+        gate = max(config.max_ray_distance, config.ray_distance_z2 * self.config.depth_max**2)
+        # A surfel passes the gate along a ray up to a pixel beside its own, so a little further away.
+        reach = (self.config.depth_max + gate) * (1 + 2 / self.camera.fx)
+        return self.blocks.visible(self.camera, T_world_camera, reach)
+
     def _clean_up(self, maps: FrameMaps) -> None:
-        surfels = self.config.surfels
-        if self.time % surfels.clean_every:
-            return
-        dead = prune(
-            self.surfels, self.camera, self.T_world_camera, maps.depth, maps.edge, self._match, time=self.time,
-            stable_weight=surfels.stable_weight, max_unseen=surfels.unstable_frames, t_min=self._t_active,
-            margin=surfels.max_ray_distance, margin_z2=surfels.ray_distance_z2,
-        )  # fmt: skip
-        if dead > _DEAD_SHARE * self.surfels.count:
-            compact(self.surfels)
+        surfels, walk = self.config.surfels, self._visible
+        if self.time % surfels.clean_every == 0:
+            walk = self.blocks.to_clean(walk, self.time, surfels.unstable_frames)
+            prune(
+                self.surfels, self.camera, self.T_world_camera, maps.depth, maps.edge, self._match, time=self.time,
+                stable_weight=surfels.stable_weight, max_unseen=surfels.unstable_frames, t_min=self._t_active,
+                margin=surfels.max_ray_distance, margin_z2=surfels.ray_distance_z2, walk=walk,
+            )  # fmt: skip
+        self.blocks.measure(walk)
+        self._sweep.step()
+        self._visible = self.visible(self.T_world_camera)  # with the frame's new surfels
 
     def _label(self, maps: FrameMaps, probabilities: np.ndarray) -> None:
         update_labels(
             self.surfels, self.camera, self.T_world_camera, maps.depth, maps.edge, probabilities,
             rule=self.config.labels.rule, floor=self.config.labels.floor,
             max_distance=self.config.surfels.max_ray_distance, max_distance_z2=self.config.surfels.ray_distance_z2,
+            visible=self._visible,
         )  # fmt: skip
 
     def _predict(self) -> ModelView:
         predict_model(
             self.surfels, self.camera, self.T_world_camera, max_depth=self.config.depth_max, maps=self.maps,
-            stable_weight=self.config.surfels.stable_weight, t_min=0,
+            stable_weight=self.config.surfels.stable_weight, t_min=0, visible=self._visible,
         )  # fmt: skip
         T = self.T_world_camera.copy()
         return ModelView(self.maps.vertex, self.maps.normal, intensity_map(self.maps.colour), LEVELS, T)

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import warp as wp
 
-from dsmap.kernels.camera import Camera, pixel_at, ray, rotate, to_transform, transform
-from dsmap.kernels.launch import Slice, launch_items, launch_rows
+from dsmap.kernels.camera import Camera, ray, rotate, surfel_at, to_transform
+from dsmap.kernels.launch import Slice, first_surfel, launch_blocks, launch_rows
 from dsmap.kernels.pixel_min import key_buffer, make_key, merge_keys
 from dsmap.kernels.types import SurfelMap
 
@@ -44,6 +44,7 @@ def _pack(
 @wp.kernel(enable_backward=False)
 def _claim(
     s: Slice,
+    blocks: wp.array(dtype=wp.int32),
     camera: Camera,
     T_camera_world: wp.mat44,
     gates: Gates,
@@ -54,12 +55,9 @@ def _claim(
     frame: wp.array2d(dtype=wp.vec4),
     keys: wp.array2d(dtype=wp.uint64),
 ):
-    block = s.first + s.stride * wp.tid()
-    for i in range(block * s.step, wp.min((block + 1) * s.step, s.count)):
-        if weight[i] <= 0.0 or t_updated[i] < gates.t_min:
-            continue
-        p = transform(T_camera_world, position[i])
-        at = pixel_at(camera, p)
+    first = first_surfel(s, blocks, wp.tid())
+    for i in range(first, wp.min(first + s.step, s.count)):
+        p, at = surfel_at(camera, T_camera_world, i, gates.t_min, position, weight, t_updated)
         x = at[0]
         y = at[1]
         if x < 0:
@@ -97,6 +95,7 @@ def associate(
     max_ray_distance_z2: float = 0.0,
     max_angle: float = 0.5,
     t_min: int = 0,
+    visible: wp.array | None = None,
 ) -> None:
     """Match surfels to the pixels of a frame; every surfel and every pixel is in at most one match.
 
@@ -107,6 +106,7 @@ def associate(
     vertex, normal, edge: the frame's maps, shapes (H, W); edge pixels and pixels without a normal get none.
     match: out, int32, shape (H, W); surfel of each pixel, -1 where there is none, TAKEN (-2) where one lies
     but its normal differs (by less than 90 degrees): noise more often than another surface.
+    visible: blocks that may hold surfels in view (see `culling.Blocks`); None walks the whole map.
     """
     gates = Gates()
     gates.along, gates.along_z2 = max_ray_distance, max_ray_distance_z2
@@ -117,5 +117,5 @@ def associate(
     packed = wp.empty(edge.shape, dtype=wp.vec4, device=m.device)
     launch_rows(_pack, *edge.shape, [vertex, normal, edge], [packed], m.device)
     inputs = [camera, T_camera_world, gates, m.position, m.normal, m.weight, m.t_updated, packed]
-    launch_items(_claim, m.count, inputs, [keys], m.device)
+    launch_blocks(_claim, visible, m.count, inputs, [keys], m.device)
     merge_keys(keys, match, limit=_OTHER_NORMAL)

@@ -62,6 +62,25 @@ def pixel_at(camera: Camera, p: wp.vec3) -> wp.vec2i:
 
 
 @wp.func
+def surfel_at(
+    camera: Camera,
+    T_camera_world: wp.mat44,
+    i: int,
+    t_min: int,
+    position: wp.array(dtype=wp.vec3),
+    weight: wp.array(dtype=wp.float32),
+    t_updated: wp.array(dtype=wp.int32),
+) -> tuple[wp.vec3, wp.vec2i]:
+    """Camera-frame position and pixel of surfel i; pixel (-1, -1) if dead, last updated before t_min, or outside."""
+    p = wp.vec3(0.0, 0.0, 0.0)
+    at = wp.vec2i(-1, -1)
+    if weight[i] > 0.0 and t_updated[i] >= t_min:
+        p = transform(T_camera_world, position[i])
+        at = pixel_at(camera, p)
+    return p, at
+
+
+@wp.func
 def ray(camera: Camera, x: float, y: float) -> wp.vec3:
     """Viewing ray K^-1 (x, y, 1) with z = 1."""
     return wp.vec3((x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy, 1.0)

@@ -11,7 +11,7 @@ import numpy as np
 import warp as wp
 
 from dsmap.kernels.camera import Camera, project, ray, rotate, to_transform, transform
-from dsmap.kernels.launch import Slice, launch_items, launch_rows
+from dsmap.kernels.launch import Slice, first_surfel, launch_blocks, launch_rows
 from dsmap.kernels.pixel_min import EMPTY, key_buffer, key_index, key_value, make_key, merge_keys
 from dsmap.kernels.types import SurfelMap
 
@@ -94,6 +94,7 @@ def _draw_whole(
 @wp.kernel(enable_backward=False)
 def _splat(
     s: Slice,
+    blocks: wp.array(dtype=wp.int32),
     camera: Camera,
     T_camera_world: wp.mat44,
     select: Visible,
@@ -104,9 +105,9 @@ def _splat(
     t_updated: wp.array(dtype=wp.int32),
     keys: wp.array2d(dtype=wp.uint64),
 ):
-    block = s.first + s.stride * wp.tid()
+    first = first_surfel(s, blocks, wp.tid())
     border = float(MAX_SPLAT)
-    for i in range(block * s.step, wp.min((block + 1) * s.step, s.count)):
+    for i in range(first, wp.min(first + s.step, s.count)):
         w = weight[i]
         t = t_updated[i]
         if w <= 0.0 or w < select.min_weight or t < select.t_min or t > select.t_max:
@@ -229,12 +230,14 @@ def render_index(
     t_min: int = 0,
     t_max: int = ALWAYS,
     penalty: float = UNSTABLE_PENALTY,
+    visible: wp.array | None = None,
 ) -> None:
     """Fill the index map of a view: on the front surface, the surfel nearest to each pixel's ray.
 
     A pixel sees a surfel that projects into it or whose disc its ray hits; discs that face away are not
     drawn. Surfels updated in frames t_min .. t_max with weight >= min_weight and depth <= max_depth [m]
     take part; those below stable_weight fill holes, but hide no stable one within `penalty` [m].
+    visible: blocks that may hold surfels in view (see `culling.Blocks`); None walks the whole map.
     index: out, int32, shape (H, W) of the camera; -1 where no surfel is seen.
     """
     select = Visible()
@@ -243,7 +246,7 @@ def render_index(
     m, T_camera_world = surfels, to_transform(np.linalg.inv(T_world_camera))
     keys = key_buffer(camera.height, camera.width, m.device)
     inputs = [camera, T_camera_world, select, m.position, m.normal, m.weight, m.radius, m.t_updated]
-    launch_items(_splat, m.count, inputs, [keys], m.device)
+    launch_blocks(_splat, visible, m.count, inputs, [keys], m.device)
     merge_keys(keys, index)
     inputs = [camera, to_transform(T_world_camera), select, keys, m.position, m.normal, m.weight, m.radius]
     launch_rows(_select, camera.height, camera.width, inputs, [index], m.device)

@@ -7,8 +7,8 @@ import warp as wp
 
 from dsmap.classes import NUM_CLASSES
 from dsmap.errors import InputError
-from dsmap.kernels.camera import Camera, pixel_at, to_transform, transform
-from dsmap.kernels.launch import Slice, launch_items, launch_rows
+from dsmap.kernels.camera import Camera, surfel_at, to_transform
+from dsmap.kernels.launch import Slice, first_surfel, launch_blocks, launch_rows
 from dsmap.kernels.types import NUM_EVIDENCE, SurfelMap
 
 Rule = Literal["bayes", "mean", "geometric"]
@@ -91,6 +91,7 @@ def _sample(
 @wp.kernel(enable_backward=False)
 def _observe(
     s: Slice,
+    blocks: wp.array(dtype=wp.int32),
     camera: Camera,
     T_camera_world: wp.mat44,
     gate: Gate,
@@ -106,12 +107,9 @@ def _observe(
     observations: wp.array(dtype=wp.float32),
     label: wp.array(dtype=wp.uint8),
 ):
-    block = s.first + s.stride * wp.tid()
-    for i in range(block * s.step, wp.min((block + 1) * s.step, s.count)):
-        if weight[i] <= 0.0 or t_updated[i] < gate.t_min:
-            continue
-        p = transform(T_camera_world, position[i])
-        at = pixel_at(camera, p)
+    first = first_surfel(s, blocks, wp.tid())
+    for i in range(first, wp.min(first + s.step, s.count)):
+        p, at = surfel_at(camera, T_camera_world, i, gate.t_min, position, weight, t_updated)
         x = at[0]
         y = at[1]
         if x < 0:
@@ -159,6 +157,7 @@ def update_labels(
     max_distance: float = 0.05,
     max_distance_z2: float = 0.0,
     t_min: int = 0,
+    visible: wp.array | None = None,
 ) -> None:
     """Fuse one frame's class probabilities into the evidence of every surfel that the camera sees.
 
@@ -170,6 +169,7 @@ def update_labels(
     The label becomes the class of most evidence, observations grow by 1.
 
     depth [m], edge: the frame's maps, shapes (H, W).
+    visible: blocks that may hold surfels in view (see `culling.Blocks`); None walks the whole map.
     probabilities: float32, shape (h, w, 14), NumPy or Warp, any resolution of the whole image; sampled
     bilinearly (log probabilities for bayes and geometric) at the pixel's centre.
     Raises InputError for probabilities of another shape.
@@ -193,7 +193,7 @@ def update_labels(
     inputs = [camera, T_camera_world, gate, use_log, depth, edge, observed, valid]
     inputs += [m.position, m.weight, m.t_updated]
     outputs = [_rows_as_vectors(m.evidence), m.observations, m.label]
-    launch_items(_observe, m.count, inputs, outputs, device)
+    launch_blocks(_observe, visible, m.count, inputs, outputs, device)
 
 
 def posterior(

@@ -7,8 +7,11 @@ pool runs side by side. A kernel written for this module takes a `Slice` as its 
     y = s.first + s.stride * row
     for x in range(lane, width, s.step): ...
 
-    block = s.first + s.stride * wp.tid()                # surfel kernel, see launch_items
+    block = s.first + s.stride * wp.tid()                # list kernel, see launch_items
     for i in range(block * s.step, wp.min((block + 1) * s.step, s.count)): ...
+
+    first = first_surfel(s, blocks, wp.tid())            # surfel kernel, see launch_blocks
+    for i in range(first, wp.min(first + s.step, s.count)): ...
 
 On the CPU one thread does a whole row (or a block of surfels), because a Warp CPU thread costs about 4 ns;
 on CUDA one thread does one pixel (or one surfel). CPU atomics are not atomic across slices: a kernel
@@ -23,12 +26,15 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
+import numpy as np
 import warp as wp
 
 import dsmap.kernels.runtime  # noqa: F401  (Warp's settings come before its first use)
 
 CPU_BLOCK = 2048
-"""Surfels that one CPU thread of `launch_items` walks through."""
+"""Entries that one CPU thread of `launch_items` walks through."""
+BLOCK = wp.constant(256)
+"""Consecutive surfels that are walked together or not at all (see kernels/culling.py)."""
 _SMALL = 20_000
 """Below this many pixels or surfels a second thread costs more than it saves."""
 
@@ -42,8 +48,8 @@ class Slice:
     stride: (
         wp.int32
     )  # from one row or block of the slice to its next: slices interleave, so that none is idle early
-    step: wp.int32  # launch_rows: lanes a row; launch_items: surfels a block
-    count: wp.int32  # rows, or surfels, of the whole launch
+    step: wp.int32  # launch_rows: lanes a row; launch_items, launch_blocks: entries or surfels a thread
+    count: wp.int32  # rows or entries of the whole launch; launch_blocks: surfels of the map
 
 
 def num_threads() -> int:
@@ -93,7 +99,7 @@ def launch_rows(
 
 
 def launch_items(kernel: Any, count: int, inputs: Sequence[Any], outputs: Sequence[Any], device: Any) -> None:
-    """Launch a kernel over `count` surfels (or any other list)."""
+    """Launch a kernel over a list of `count` entries."""
     if count == 0:
         return
     if wp.get_device(device).is_cuda:
@@ -102,6 +108,50 @@ def launch_items(kernel: Any, count: int, inputs: Sequence[Any], outputs: Sequen
         step, slices = CPU_BLOCK, num_threads() if count >= _SMALL else 1
     blocks = (count + step - 1) // step
     _run(kernel, _slices(blocks, count, step, slices), inputs, outputs, device)
+
+
+@wp.func
+def first_surfel(s: Slice, blocks: wp.array(dtype=wp.int32), thread: int) -> int:
+    """First of the s.step surfels that a thread of `launch_blocks` walks."""
+    at = (s.first + s.stride * thread) * s.step
+    return blocks[at // BLOCK] * BLOCK + at % BLOCK
+
+
+def launch_blocks(
+    kernel: Any,
+    blocks: wp.array | None,
+    count: int,
+    inputs: Sequence[Any],
+    outputs: Sequence[Any],
+    device: Any,
+) -> None:
+    """Launch a surfel kernel over some blocks of a map of `count` surfels; the blocks become its first input.
+
+    blocks: int32, ascending numbers of blocks (surfels BLOCK * number and on); None walks every surfel.
+    """
+    if count == 0:
+        return
+    if blocks is None:
+        blocks = all_blocks(count, device)
+    surfels = blocks.shape[0] * BLOCK
+    if surfels == 0:
+        return
+    if wp.get_device(device).is_cuda:
+        step, slices = 1, 1
+    else:
+        step, slices = BLOCK, num_threads() if surfels >= _SMALL else 1
+    _run(kernel, _slices(surfels // step, count, step, slices), [blocks, *inputs], outputs, device)
+
+
+def all_blocks(count: int, device: Any) -> wp.array:
+    """Numbers of all blocks of a map of `count` surfels, int32, on the device."""
+    blocks = (count + BLOCK - 1) // BLOCK
+    return _numbers(1 << blocks.bit_length(), wp.get_device(device).alias)[:blocks]
+
+
+@functools.lru_cache(maxsize=8)
+def _numbers(count: int, device: str) -> wp.array:
+    return wp.array(np.arange(count, dtype=np.int32), device=device)
 
 
 @functools.cache

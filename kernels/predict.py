@@ -58,17 +58,19 @@ def predict_model(
     t_min: int = 0,
     t_max: int = ALWAYS,
     penalty: float = UNSTABLE_PENALTY,
+    visible: wp.array | None = None,
 ) -> None:
     """Render the map into a camera: `maps` (out, shapes (H, W) of the camera) in that camera's frame.
 
     The vertex is where the pixel's ray meets the surfel's disc. Which surfels are seen: see `render_index`
-    (the active model is t_min = now - window, the inactive one t_max = now - window - 1). Pixels without
+    (the active model is t_min = now - window, the inactive one t_max = now - window - 1); `visible` holds
+    the blocks to walk (see `culling.Blocks`), None all. Pixels without
     a surfel have index -1, vertex, normal and colour 0, time -1, label 0.
     """
     m, T_camera_world = surfels, to_transform(np.linalg.inv(T_world_camera))
     render_index(
         m, camera, T_world_camera, max_depth=max_depth, index=maps.index, min_weight=min_weight,
-        stable_weight=stable_weight, t_min=t_min, t_max=t_max, penalty=penalty,
+        stable_weight=stable_weight, t_min=t_min, t_max=t_max, penalty=penalty, visible=visible,
     )  # fmt: skip
     inputs = [camera, T_camera_world, maps.index, m.position, m.normal, m.colour, m.t_updated, m.label]
     outputs = [maps.vertex, maps.normal, maps.colour, maps.time, maps.label]

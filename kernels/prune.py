@@ -1,11 +1,11 @@
-"""Clean-up: surfels that were never confirmed or that the camera sees through die and are compacted away."""
+"""Clean-up: surfels that were never confirmed, that the camera sees through, or that are double, die."""
 
 import numpy as np
 import warp as wp
 
 from dsmap.kernels.camera import Camera, pixel_at, to_transform, transform
-from dsmap.kernels.launch import Slice, launch_items, num_slices
-from dsmap.kernels.types import ARRAYS, SurfelMap
+from dsmap.kernels.launch import Slice, first_surfel, launch_blocks, num_slices
+from dsmap.kernels.types import SurfelMap
 
 SAME_DEPTH = wp.constant(0.01)
 SAME_DEPTH_Z2 = wp.constant(0.005)
@@ -84,6 +84,7 @@ def _is_duplicate(
 @wp.kernel(enable_backward=False)
 def _judge(
     s: Slice,
+    blocks: wp.array(dtype=wp.int32),
     camera: Camera,
     T_camera_world: wp.mat44,
     rules: Rules,
@@ -97,9 +98,9 @@ def _judge(
     weight: wp.array(dtype=wp.float32),
     dead: wp.array(dtype=wp.int32),
 ):
-    block = s.first + s.stride * wp.tid()
+    first = first_surfel(s, blocks, wp.tid())
     gone = int(0)
-    for i in range(block * s.step, wp.min((block + 1) * s.step, s.count)):
+    for i in range(first, wp.min(first + s.step, s.count)):
         w = weight[i]
         t = t_updated[i]
         if w > 0.0:
@@ -121,8 +122,6 @@ def _judge(
                     weight[i] = left
                     if left == 0.0:
                         gone += 1
-        else:
-            gone += 1
     if gone > 0:
         wp.atomic_add(dead, s.index, gone)
 
@@ -143,8 +142,9 @@ def prune(
     margin: float = 0.05,
     margin_z2: float = 0.0,
     decay: float = 3.0,
+    walk: wp.array | None = None,
 ) -> int:
-    """Mark dead surfels (weight 0); returns how many of the map's `count` are dead now.
+    """Mark dead surfels (weight 0); returns how many died now.
 
     Unstable surfels (weight < stable_weight) die when not updated for more than max_unseen frames.
     A surfel updated since frame t_min that stands more than max(margin [m], margin_z2 [1/m] x depth^2) in
@@ -154,6 +154,7 @@ def prune(
     the same normal, is a duplicate and dies, unless it is finer than the pixel.
     depth [m], edge and match (of `associate`): the frame's maps, shapes (H, W); pixels on edges or beyond
     max_depth say nothing about what stands before them.
+    walk: blocks in view and those in which surfels may be overdue (see `culling.Blocks`); None: the whole map.
     """
     rules = Rules()
     rules.time, rules.t_min, rules.max_unseen = time, t_min, max_unseen
@@ -173,33 +174,5 @@ def prune(
         m.radius,
         m.t_updated,
     ]
-    launch_items(_judge, m.count, inputs, [m.weight, dead], m.device)
+    launch_blocks(_judge, walk, m.count, inputs, [m.weight, dead], m.device)
     return int(dead.numpy().sum())
-
-
-def count_dead(surfels: SurfelMap) -> int:
-    """Number of dead surfels among the map's `count`."""
-    return int(np.count_nonzero(surfels.weight.numpy()[: surfels.count] <= 0.0))
-
-
-def compact(surfels: SurfelMap) -> int:
-    """Remove dead surfels, keeping the others in order; returns how many were removed.
-
-    Surfel indices held elsewhere (index maps, matches) are void afterwards.
-    """
-    m = surfels
-    dead = m.weight.numpy()[: m.count] <= 0.0
-    removed = int(np.count_nonzero(dead))
-    if removed == 0:
-        return 0
-    first = int(np.argmax(dead))  # all before the first dead one stay where they are
-    moved = np.flatnonzero(~dead[first:]) + first
-    m.count -= removed
-    for name in ARRAYS if len(moved) else ():
-        array = getattr(m, name)
-        if m.device.is_cuda:
-            rows = array[wp.array(moved, dtype=wp.int32, device=m.device)]
-            wp.copy(array[first : m.count], rows.contiguous())
-        else:  # NumPy gathers rows about four times as fast as a Warp copy of an indexed array
-            array.numpy()[first : m.count] = array.numpy().take(moved, axis=0)
-    return removed
