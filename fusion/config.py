@@ -171,7 +171,7 @@ class GraphConfig:
     max_nodes: int = 3000
     """... and a large one no more than this: the time of a fit grows with the nodes."""
     window: int = 20
-    """Nodes before and after a point's time that may move it."""
+    """Nodes that may move a point: those nearest to its time, and half as many as this before and after them."""
     w_rot: float = 1.0
     """Weight of E_rot: nodes move rigidly."""
     w_reg: float = 10.0
