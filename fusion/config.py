@@ -120,7 +120,7 @@ class FernConfig:
     """Columns of the small view [px]; its height follows from the image."""
     seed: int = 0
     """Of the ferns' pixels and thresholds."""
-    novelty: float = 0.2
+    novelty: float = 0.3
     """A view at least this unlike every keyframe (share of ferns that differ) becomes a keyframe."""
     min_overlap: float = 0.3
     """Two views are comparable if this share of the ferns has data in both."""

@@ -20,6 +20,10 @@ _NO_QUERY = 254  # the same in a query: unlike every stored code, NO_DATA too
 _WORD = 8
 _GROWTH = 1.5
 _MILLIMETRE = 1e-3
+_COLOURS = (20, 200)
+"""Colour thresholds: most of a room lies between; a threshold that no pixel passes tells nothing apart."""
+_FAR = 5.0
+"""Largest depth threshold [m]: rooms are nearer than the range of their sensors."""
 
 
 @dataclass
@@ -103,10 +107,9 @@ class FernDatabase:
     def _draw(self, depth_range: tuple[float, float], rng: np.random.Generator) -> None:
         count, (h, w) = self.config.count, self.size
         self._pixels = np.stack([rng.integers(0, h, count), rng.integers(0, w, count)], axis=1)
-        self._colour_thresholds = rng.uniform(0, 255, (count, 3)).astype(np.float32)
-        # Inverse depth: rooms are mostly near, whatever the sensor's range.
+        self._colour_thresholds = rng.uniform(*_COLOURS, (count, 3)).astype(np.float32)
         near, far = depth_range
-        self._depth_thresholds = (1 / rng.uniform(1 / far, 1 / near, count)).astype(np.float32)
+        self._depth_thresholds = rng.uniform(near, max(min(far, _FAR), near), count).astype(np.float32)
 
     def __len__(self) -> int:
         return self._count

@@ -1,0 +1,203 @@
+"""Where is this frame in the map: keyframes that look like it, then registration, then strict checks.
+
+Serves global loop closure and recovery after tracking was lost. A wrong answer ruins the map and a missing
+one costs only time, so every step may say no: the candidate's small view must register; the model, predicted
+where that puts the camera, must register at full size; and the whole depth and colour image must then agree
+with the model, because look-alike places agree where they were registered and differ elsewhere.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import cv2
+import numpy as np
+import warp as wp
+
+from dsmap.frame import Intrinsics, orthonormal
+from dsmap.fusion.config import RelocaliseConfig, TrackConfig
+from dsmap.fusion.ferns import Keyframe, SmallView
+from dsmap.fusion.tracker import Health, ModelView, Tracker
+from dsmap.kernels.camera import make_camera
+from dsmap.kernels.preprocess import preprocess
+from dsmap.kernels.types import FrameMaps
+
+_SMALL_LEVELS = 2
+"""Pyramid levels of a small view: 80x60 and 40x30."""
+_CPU = wp.get_device("cpu")
+_WINDOW = np.ones((3, 3), np.uint8)
+
+
+@dataclass
+class Agreement:
+    """How a frame and the model view at its pose agree, over the whole image."""
+
+    overlap: float
+    """Share of the frame's pixels with depth where the model has a surface."""
+    same: float
+    """Of these, the share whose depths agree."""
+    seen_through: float
+    """Of these, the share where the frame looks through the model's surface: that surface cannot be there."""
+    ncc: float
+    """Normalised cross-correlation of the intensities where depths agree, -1..1; brightness and contrast cancel."""
+
+
+@dataclass
+class Relocation:
+    """A pose found in the map, and why it is believed."""
+
+    T_world_camera: np.ndarray
+    keyframe: Keyframe
+    similarity: float
+    health: Health
+    agreement: Agreement
+
+
+class Relocaliser:
+    """Finds camera poses in a map without a guess.
+
+    Args:
+        config: gates.
+        track: of the tracker; registration uses the same terms with all pixels and more iterations.
+        cameras: of the pyramid, finest first.
+        intrinsics: of the frames.
+        size: (h, w) of the database's small views.
+    """
+
+    def __init__(
+        self,
+        config: RelocaliseConfig,
+        track: TrackConfig,
+        cameras: Sequence[Any],
+        intrinsics: Intrinsics,
+        size: tuple[int, int],
+    ):
+        self.config = config
+        h, w = size
+        self._small_cameras = [
+            make_camera(intrinsics.scaled(w >> level, h >> level)) for level in range(_SMALL_LEVELS)
+        ]
+        # The small view only has to come near: the gates are wide, the verdict falls at full size.
+        small = replace(
+            track, iterations=(10, 15), stride=(1,) * _SMALL_LEVELS, min_gradient=(5.0, 3.0), max_distance=0.5,
+            max_angle_deg=40.0, so3=True, min_inlier_fraction=config.small_inlier_fraction, max_rms=0.1,
+            max_std=0.1,
+        )  # fmt: skip
+        self._small = Tracker(small, self._small_cameras)
+        self._full = Tracker(replace(track, so3=False), cameras)
+        self.rejected: list[str] = []
+        """Why each candidate of the last call was refused, in words."""
+
+    def relocalise(
+        self,
+        maps: Sequence[FrameMaps],
+        view: SmallView,
+        candidates: Sequence[tuple[Keyframe, float]],
+        predict_at: Callable[[np.ndarray], ModelView],
+    ) -> Relocation | None:
+        """The pose of a frame in the map, or None.
+
+        Args:
+            maps: of the frame, finest first.
+            view: the frame's small view.
+            candidates: of the fern database, best first.
+            predict_at: renders the model at T_world_camera; all of it, or its inactive part only.
+        """
+        self.rejected = []
+        for keyframe, similarity in candidates:
+            found = self._verify(maps, view, keyframe, similarity, predict_at)
+            if isinstance(found, Relocation):
+                return found
+            self.rejected.append(f"keyframe {keyframe.index}: {found}")
+        return None
+
+    def _verify(
+        self,
+        maps: Sequence[FrameMaps],
+        view: SmallView,
+        keyframe: Keyframe,
+        similarity: float,
+        predict_at: Callable[[np.ndarray], ModelView],
+    ) -> Relocation | str:
+        config = self.config
+        T_keyframe_camera, health = self._align_small(view, keyframe.view)
+        if not health.tracked:
+            return f"its small view does not fit: {health.reason}"
+        T = orthonormal(keyframe.T_world_camera @ T_keyframe_camera)
+        for _ in range(config.rounds):
+            # Predicted anew where the camera is now thought to be, so that the views overlap as tracking's do.
+            model = predict_at(T)
+            T_model_camera, health = self._full.track(maps, model)
+            if not health.tracked:
+                return f"the model does not fit: {health.reason}"
+            T = orthonormal(model.T_world_camera @ T_model_camera)
+        if health.inlier_fraction < config.min_inlier_fraction:
+            return f"only {health.inlier_fraction:.0%} of the pixels match the model"
+        if health.rms_icp > config.max_rms:
+            return f"point-to-plane RMS {health.rms_icp * 1e3:.1f} mm"
+        found = agreement(maps[0], predict_at(T), config)
+        reason = disagreement(found, config)
+        return reason or Relocation(T, keyframe, similarity, health, found)
+
+    def _align_small(self, view: SmallView, keyframe: SmallView) -> tuple[np.ndarray, Health]:
+        """T_keyframe_camera from the two small views: rotation only first, then all six."""
+        last = preprocess(keyframe.rgb, keyframe.depth, self._small_cameras, _CPU)
+        model = ModelView(last[0].vertex, last[0].normal, last[0].intensity, _SMALL_LEVELS, np.eye(4))
+        self._small.remember(last)
+        return self._small.track(preprocess(view.rgb, view.depth, self._small_cameras, _CPU), model)
+
+
+def agreement(frame: FrameMaps, model: ModelView, config: RelocaliseConfig) -> Agreement:
+    """Compare a frame (level 0) with the model predicted from the frame's own pose, pixel by pixel.
+
+    A depth agrees if it lies between the nearest and the farthest model depth of its 3x3 pixels, give or
+    take the sensor's noise: a pixel's shift at an edge is no disagreement.
+    """
+    skip = max(frame.vertex.shape[1] // 320, 1)
+    z = frame.vertex.numpy()[::skip, ::skip, 2]
+    model_z = model.levels[0][0].numpy()[::skip, ::skip, 2]
+    known = model_z > 0
+    farthest = cv2.dilate(model_z, _WINDOW)
+    nearest = cv2.erode(np.where(known, model_z, np.float32(1e3)), _WINDOW)
+    slack = config.slack + config.slack_z2 * z * z
+    both = (z > 0) & known
+    through = both & (z > farthest + slack)
+    same = both & ~through & (z > nearest - slack)
+    total = max(np.count_nonzero(both), 1)
+    ncc = _correlation(
+        frame.intensity.numpy()[::skip, ::skip], model.levels[0][2].numpy()[::skip, ::skip], same
+    )
+    return Agreement(
+        overlap=float(np.count_nonzero(both) / max(np.count_nonzero(z > 0), 1)),
+        same=float(np.count_nonzero(same) / total),
+        seen_through=float(np.count_nonzero(through) / total),
+        ncc=ncc,
+    )
+
+
+def disagreement(found: Agreement, config: RelocaliseConfig) -> str:
+    """Why a pose is not believed, in words; empty if it is."""
+    reasons = [
+        (found.overlap < config.min_overlap, f"the model covers only {found.overlap:.0%} of the depth image"),
+        (found.same < config.min_same, f"only {found.same:.0%} of the depths agree with the model"),
+        (
+            found.seen_through > config.max_seen_through,
+            f"{found.seen_through:.0%} of the model is seen through",
+        ),
+        (found.ncc < config.min_ncc, f"the colours do not correlate ({found.ncc:.2f})"),
+    ]
+    return next((text for bad, text in reasons if bad), "")
+
+
+def _correlation(a: np.ndarray, b: np.ndarray, mask: np.ndarray) -> float:
+    """Correlation of two intensity images within a mask, after the local mean is taken off both.
+
+    Without that, any bright wall over any dark floor would correlate.
+    """
+    weight = mask.astype(np.float32)
+    size = (2 * (mask.shape[1] // 20) + 1,) * 2
+    share = np.maximum(cv2.boxFilter(weight, -1, size), 1e-6)
+    a, b = (image - cv2.boxFilter(image * weight, -1, size) / share for image in (a, b))
+    a, b = a[mask], b[mask]
+    norm = float(np.sqrt((a @ a) * (b @ b)))
+    return float(a @ b) / norm if norm > 1e-9 else 0.0
