@@ -83,9 +83,7 @@ class Mapper:
         self.camera = self.cameras[0]
         self.tracker = Tracker(config.track, self.cameras)
         self.schedule = Schedule(config.labels)
-        self.surfels = SurfelMap.empty(self.device)
-        self.blocks = Blocks(self.surfels, config.surfels.stable_weight)
-        self._sweep = Sweep(self.surfels, self.blocks)
+        self.adopt(SurfelMap.empty(self.device))
         self._visible: wp.array | None = None
         self.view: ModelView | None = None
         self.time = 0
@@ -95,6 +93,12 @@ class Mapper:
         self._match = wp.empty((intrinsics.height, intrinsics.width), dtype=wp.int32, device=self.device)
         self._clock: dict[str, float] = {}
         self.stages_ms: dict[str, list[float]] = defaultdict(list)
+
+    def adopt(self, surfels: SurfelMap) -> None:
+        """Go on with this map: a new one, or one that was loaded; it lies on the mapper's device."""
+        self.surfels = surfels
+        self.blocks = Blocks(surfels, self.config.surfels.stable_weight)
+        self._sweep = Sweep(surfels, self.blocks)
 
     def step(self, frame: Frame) -> StepResult:
         """Process one frame: preprocess, track, associate, fuse, clean up, segment, label, predict."""

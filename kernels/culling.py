@@ -119,6 +119,11 @@ class Blocks:
         self._allocate(0)
 
     @property
+    def nbytes(self) -> int:
+        """Bytes allocated for all blocks."""
+        return sum(array.capacity for array in (self._low, self._high, self._living, self._waiting))
+
+    @property
     def dead(self) -> np.ndarray:
         """Dead surfels of every block, int, shape (blocks,)."""
         self._measure_new()
