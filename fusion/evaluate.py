@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Any
 
+from dsmap.fusion.evaluate_loops import evaluate_loops
 from dsmap.fusion.evaluate_semantics import EVALUATION_SIZE, evaluate_semantics
 from dsmap.fusion.evaluate_surface import evaluate_surface
 from dsmap.fusion.evaluate_trajectory import evaluate_trajectory
@@ -31,7 +32,7 @@ def evaluate_run(
         max_frames: labelled frames scored, evenly spread; 0 for all.
 
     Returns:
-        The nested tree `trajectory, surface, semantics, map, speed` (docs: the evaluation section). What
+        The nested tree `trajectory, loops, surface, semantics, map, speed` (docs: the evaluation section). What
         lacks ground truth is None, with a `reason` beside it.
 
     Raises:
@@ -46,6 +47,7 @@ def evaluate_run(
     semantics = evaluate_semantics(run, small, pairs, segmenter, max_frames)
     return {
         "trajectory": trajectory,
+        "loops": evaluate_loops(run, small, pairs),
         "surface": surface,
         "semantics": semantics | {"surfels": surfel_labels},
         "map": _from_stats(run.stats, "map", _MAP_KEYS),

@@ -33,6 +33,8 @@ class Run:
     """config.yaml: `sequence`, `map`, `segmenter`; empty if there is none."""
     stats: dict[str, Any]
     """stats.json; empty if there is none."""
+    loops: list[dict[str, Any]] | None
+    """loops.json: every loop that was closed (see `fusion.evaluate_loops`); None if there is none."""
 
 
 def load_run(path: Path | str, device: Any = "cpu") -> Run:
@@ -49,6 +51,7 @@ def load_run(path: Path | str, device: Any = "cpu") -> Run:
         folder, surfels, meta["config"], meta["times"], meta["poses"], meta["tracked"].astype(bool),
         settings=_read(folder / "config.yaml", yaml.safe_load, yaml.YAMLError),
         stats=_read(folder / "stats.json", json.loads, json.JSONDecodeError),
+        loops=_read(folder / "loops.json", json.loads, json.JSONDecodeError).get("loops"),
     )  # fmt: skip
 
 

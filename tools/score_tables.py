@@ -17,6 +17,7 @@ def run_tables(metrics: dict[str, Any]) -> str:
     """All tables of a run's metrics."""
     parts = [
         _section("Trajectory", metrics["trajectory"], _trajectory_rows(metrics["trajectory"])),
+        _section("Loops", metrics["loops"], _loop_rows(metrics["loops"])),
         _section("Surface", metrics["surface"], _surface_rows(metrics["surface"])),
         _labels(metrics["semantics"]),
         _section("Map", metrics["map"], [(k.replace("_", " "), _count(metrics["map"][k])) for k in _MAP]),
@@ -44,6 +45,18 @@ def _trajectory_rows(t: dict[str, Any]) -> list[tuple[str, str]]:
         if key in t:
             steps = ", ".join(f"{_mm(v)} at {k} frames" for k, v in t[key].items() if k != "reason")
             rows.append((f"depth consistency, {name} poses", steps))
+    return rows
+
+
+def _loop_rows(t: dict[str, Any]) -> list[tuple[str, str]]:
+    kinds = ", ".join(f"{count} {kind}" for kind, count in (t["kinds"] or {}).items())
+    rows = [("closed", _count(t["closed"]) + (f" ({kinds})" if kinds else ""))]
+    if t["compared"] is not None:
+        rows += [
+            ("correct", f"{t['correct']} of {t['compared']} compared"),
+            ("wrong (> 5 cm or > 3 deg)", _count(t["wrong"])),
+            ("relative pose, median and worst", f"{_mm(t['distance_median_m'])}, {_mm(t['distance_max_m'])}"),
+        ]
     return rows
 
 
