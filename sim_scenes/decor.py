@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from dsmap.sim_scenes import textures_art
+from dsmap.sim_scenes import textures_art, textures_screens
 from dsmap.sim_scenes.looks import Looks
 from dsmap.sim_scenes.scene import Assembly, Material
 from dsmap.sim_scenes.shapes import Shape, box, cushion, cylinder, lathe, panel, rotation_x, rotation_z
@@ -36,7 +36,7 @@ def television(rng: Rng, looks: Looks, width: float) -> Assembly:
     piece = Assembly("tv")
     height, lift = width * 0.5625, rng.uniform(0.05, 0.1) * (1.6 if width < 0.7 else 1.0)
     body = looks.add("tv_body", Material(_dark(), 0.5, 0.3, 0.5))
-    image = textures_art.screen(rng)
+    image = textures_screens.screen(rng)
     on = float(image.mean()) > 60
     glass = looks.printed("screen", image, 0.35, 0.35 if on else 0.0, glass=True)
     piece.add(box((width + 0.03, 0.03, height + 0.035), (0, 0.012, lift), 0.006), body)

@@ -19,9 +19,12 @@ class Material:
     """Metres that the texture spans along u and v; 1 where the shape's uv already run from 0 to 1."""
     specular: float = 0.1
     shininess: float = 0.3
+    """0 = dull, 1 = polished; a physically based renderer takes it for 1 - roughness."""
     emission: float = 0.0
     glass: bool = False
     """A depth sensor sees nothing here (window panes, screens)."""
+    metallic: float = 0.0
+    """0..1; only physically based renderers tell metals from others."""
 
 
 @dataclass(frozen=True)

@@ -41,10 +41,15 @@ def fractal(rng: Rng, cells: int = 4, octaves: int = 5, roughness: float = 0.55)
     return image / np.sqrt(total)
 
 
+def to_bytes(image: np.ndarray) -> np.ndarray:
+    """Colours 0..1, any shape, to uint8."""
+    return (np.clip(image, 0, 1) * 255).astype(np.uint8)
+
+
 def shaded(colour: Colour, brightness: np.ndarray) -> np.ndarray:
     """A colour (0..1) times 1 + brightness, as uint8."""
     image = np.asarray(colour, np.float32) * (1 + brightness[..., None])
-    return (np.clip(image, 0, 1) * 255).astype(np.uint8)
+    return to_bytes(image)
 
 
 def mixed(
@@ -54,10 +59,10 @@ def mixed(
     weight = np.clip(weight, 0, 1)[..., None].astype(np.float32)
     image = np.asarray(first, np.float32) * (1 - weight) + np.asarray(second, np.float32) * weight
     image *= 1 + np.broadcast_to(np.asarray(brightness, np.float32), weight.shape[:2])[..., None]
-    return (np.clip(image, 0, 1) * 255).astype(np.uint8)
+    return to_bytes(image)
 
 
-def _grid() -> tuple[np.ndarray, np.ndarray]:
+def grid() -> tuple[np.ndarray, np.ndarray]:
     """Texel coordinates in [0, 1): rows, columns."""
     line = (np.arange(SIZE, dtype=np.float32) + 0.5) / SIZE
     return np.meshgrid(line, line, indexing="ij")
@@ -65,7 +70,7 @@ def _grid() -> tuple[np.ndarray, np.ndarray]:
 
 def wood(rng: Rng, colour: Colour) -> np.ndarray:
     """Grain along the columns: stretched noise, growth rings and a few knots. One tile is about 1 m."""
-    y, x = _grid()
+    y, x = grid()
     warp = 0.03 * noise(rng, (3, 2)) + 0.012 * noise(rng, (12, 4))
     for _ in range(rng.integers(1, 4)):
         ky, kx = rng.uniform(0.15, 0.85, 2)
@@ -94,7 +99,7 @@ def planks(rng: Rng, colour: Colour) -> np.ndarray:
 
 def tiles(rng: Rng, colour: Colour) -> np.ndarray:
     """Square stone tiles with light joints, four by four in a tile of about 1.6 m."""
-    y, x = _grid()
+    y, x = grid()
     count = 4
     tone = np.kron(rng.uniform(-0.08, 0.08, (count, count)), np.ones((SIZE // count, SIZE // count)))
     edge = np.minimum(np.abs((y * count) % 1 - 0.5), np.abs((x * count) % 1 - 0.5))
@@ -113,7 +118,7 @@ def carpet(rng: Rng, colour: Colour) -> np.ndarray:
 
 def fabric(rng: Rng, colour: Colour) -> np.ndarray:
     """Upholstery: a visible weave, mottling and sometimes stripes or checks. One tile is about 0.6 m."""
-    y, x = _grid()
+    y, x = grid()
     threads = 48
     weave = 0.06 * np.sin(2 * np.pi * threads * x) * np.sin(2 * np.pi * threads * y)
     image = weave + 0.1 * noise(rng, (64, 64)) + 0.12 * fractal(rng, 4, 4)
@@ -140,7 +145,7 @@ def motif(rng: Rng, colour: Colour, second: Colour) -> np.ndarray:
 
 def stripes(rng: Rng, colour: Colour, second: Colour) -> np.ndarray:
     """Vertical stripes of two widths. One tile is about 1 m."""
-    _, x = _grid()
+    _, x = grid()
     count = int(rng.integers(4, 9))
     phase = (x * count) % 1
     weight = (phase < rng.uniform(0.3, 0.6)).astype(np.float32) + 0.6 * ((phase > 0.75) & (phase < 0.82))
@@ -161,7 +166,7 @@ def paint(rng: Rng, colour: Colour) -> np.ndarray:
 
 def bricks(rng: Rng, colour: Colour) -> np.ndarray:
     """A visible brick wall. One tile is about 1 m."""
-    y, x = _grid()
+    y, x = grid()
     rows, columns = 12, 4
     row = np.floor(y * rows).astype(int)
     shifted = (x * columns + 0.5 * (row % 2)) % columns
@@ -190,7 +195,7 @@ def plain(rng: Rng, colour: Colour) -> np.ndarray:
 
 def leaves(rng: Rng, colour: Colour) -> np.ndarray:
     """Foliage: veins and spots. One tile is about 0.2 m."""
-    y, x = _grid()
+    y, x = grid()
     veins = np.abs(np.sin(2 * np.pi * (6 * y + 3 * np.abs(x - 0.5))))
     return shaded(colour, 0.15 * fractal(rng, 5, 4) - 0.12 * (veins < 0.15))
 

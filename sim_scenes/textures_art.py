@@ -1,17 +1,13 @@
-"""Pictures that are not tiled: paintings, the view from a window, screens, book spines, rugs."""
+"""Pictures that are not tiled: paintings, the view from a window, book spines, rugs, covers."""
 
 import cv2
 import numpy as np
 
-from dsmap.sim_scenes.textures import Rng, fractal, noise
+from dsmap.sim_scenes.textures import Rng, fractal, noise, to_bytes
 
 SHADES = ((0.75, 0.2, 0.15), (0.15, 0.3, 0.55), (0.85, 0.65, 0.2), (0.2, 0.45, 0.3), (0.9, 0.87, 0.8),
           (0.25, 0.2, 0.2), (0.55, 0.3, 0.5), (0.2, 0.55, 0.6), (0.8, 0.45, 0.3), (0.6, 0.6, 0.62))  # fmt: skip
 """Colours of prints, spines and toys."""
-
-
-def _bytes(image: np.ndarray) -> np.ndarray:
-    return (np.clip(image, 0, 1) * 255).astype(np.uint8)
 
 
 def _gradient(height: int, width: int, top: np.ndarray, bottom: np.ndarray) -> np.ndarray:
@@ -39,7 +35,7 @@ def landscape(rng: Rng, height: int = 192, width: int = 256) -> np.ndarray:
     cv2.circle(image, sun, int(rng.uniform(0.05, 0.1) * height), (0.98, 0.9, 0.6), -1, cv2.LINE_AA)
     base = np.array(SHADES[rng.integers(len(SHADES))])
     _hills(image, rng, rng.uniform(0.4, 0.6), [base * f for f in (0.95, 0.7, 0.5, 0.35)])
-    return _bytes(image + 0.05 * noise(rng, (60, 60), (height, width))[..., None])
+    return to_bytes(image + 0.05 * noise(rng, (60, 60), (height, width))[..., None])
 
 
 def abstract(rng: Rng, height: int = 192, width: int = 256) -> np.ndarray:
@@ -58,52 +54,36 @@ def abstract(rng: Rng, height: int = 192, width: int = 256) -> np.ndarray:
             cv2.rectangle(image, a, b, colour, -1)
         else:
             cv2.line(image, a, b, colour, int(rng.uniform(2, 14)), cv2.LINE_AA)
-    return _bytes(image * (1 + 0.08 * noise(rng, (48, 64), (height, width))[..., None]))
+    return to_bytes(image * (1 + 0.08 * noise(rng, (48, 64), (height, width))[..., None]))
+
+
+def figure(image: np.ndarray, rng: Rng, cx: int, scale: int) -> None:
+    """Draw a head and shoulders at the foot of `image` (float, 0..1): middle column `cx`, `scale` texels wide."""
+    height = image.shape[0]
+    cy = height - int(0.78 * scale)
+    skin = np.array([0.85, 0.65, 0.5]) * rng.uniform(0.5, 1.05)
+    clothes, hair = rng.uniform(0.1, 0.7, 3), rng.uniform(0.05, 0.5) * np.array([1, 0.75, 0.5])
+    for at, axes, colour in (
+        ((cx, height), (0.42, 0.46), clothes),
+        ((cx, cy - scale // 22), (0.21, 0.28), hair),
+        ((cx, cy + scale // 30), (0.16, 0.24), skin),
+    ):
+        size = (int(axes[0] * scale), int(axes[1] * scale))
+        cv2.ellipse(image, at, size, 0, 0, 360, colour.tolist(), -1, cv2.LINE_AA)
+    for side in (-1, 1):
+        at = (cx + side * int(0.06 * scale), cy)
+        cv2.circle(image, at, max(1, scale // 60), (0.1, 0.08, 0.08), -1, cv2.LINE_AA)
+    mouth = cy + int(0.14 * scale)
+    cv2.line(
+        image, (cx - scale // 20, mouth), (cx + scale // 20, mouth), (0.55, 0.2, 0.2), max(1, scale // 60), cv2.LINE_AA
+    )  # fmt: skip
 
 
 def portrait(rng: Rng, height: int = 224, width: int = 176) -> np.ndarray:
     """A head and shoulders against a dark ground, uint8 (height, width, 3)."""
     image = _gradient(height, width, rng.uniform(0.15, 0.4, 3), rng.uniform(0.1, 0.5, 3))
-    cx, cy = int(width * rng.uniform(0.42, 0.58)), int(height * 0.4)
-    skin = np.array([0.85, 0.65, 0.5]) * rng.uniform(0.5, 1.05)
-    clothes, hair = rng.uniform(0.1, 0.7, 3), rng.uniform(0.05, 0.5) * np.array([1, 0.75, 0.5])
-    cv2.ellipse(
-        image,
-        (cx, height),
-        (int(width * 0.42), int(height * 0.36)),
-        0,
-        0,
-        360,
-        clothes.tolist(),
-        -1,
-        cv2.LINE_AA,
-    )
-    cv2.ellipse(
-        image,
-        (cx, cy - 8),
-        (int(width * 0.21), int(height * 0.22)),
-        0,
-        0,
-        360,
-        hair.tolist(),
-        -1,
-        cv2.LINE_AA,
-    )
-    cv2.ellipse(
-        image,
-        (cx, cy + 6),
-        (int(width * 0.16), int(height * 0.19)),
-        0,
-        0,
-        360,
-        skin.tolist(),
-        -1,
-        cv2.LINE_AA,
-    )
-    for side in (-1, 1):
-        cv2.circle(image, (cx + side * int(width * 0.06), cy), 3, (0.1, 0.08, 0.08), -1, cv2.LINE_AA)
-    cv2.line(image, (cx - 9, cy + 26), (cx + 9, cy + 26), (0.55, 0.2, 0.2), 3, cv2.LINE_AA)
-    return _bytes(image * (1 + 0.1 * noise(rng, (56, 44), (height, width))[..., None]))
+    figure(image, rng, int(width * rng.uniform(0.42, 0.58)), int(min(width, 0.8 * height)))
+    return to_bytes(image * (1 + 0.1 * noise(rng, (56, 44), (height, width))[..., None]))
 
 
 def painting(rng: Rng) -> np.ndarray:
@@ -129,20 +109,7 @@ def outdoors(rng: Rng, height: int = 256, width: int = 256) -> np.ndarray:
             cv2.circle(
                 image, (int(x + dx), int(y + dy)), int(r * rng.uniform(0.25, 0.5)), leaf, -1, cv2.LINE_AA
             )
-    return _bytes(image)
-
-
-def screen(rng: Rng, height: int = 180, width: int = 320) -> np.ndarray:
-    """A television or monitor: mostly off (dark, a soft reflection), sometimes showing a programme."""
-    if rng.random() < 0.35:
-        return (abstract if rng.random() < 0.3 else landscape)(rng, height, width)
-    y, x = np.mgrid[0:height, 0:width].astype(np.float32)
-    glow = np.exp(
-        -(((x / width - rng.uniform(0.2, 0.8)) / 0.25) ** 2 + ((y / height - rng.uniform(0, 0.5)) / 0.3) ** 2)
-    )
-    slant = 0.03 * np.sin(6 * (x / width + y / height) + rng.uniform(0, 6))
-    shade = 0.05 + 0.12 * glow + slant + 0.02 * noise(rng, (12, 20), (height, width))
-    return _bytes(shade[..., None] * np.array([0.95, 1.0, 1.1]))
+    return to_bytes(image)
 
 
 SPINES = 24
@@ -150,22 +117,43 @@ SPINES = 24
 
 
 def spines(rng: Rng, height: int = 128, width: int = 384) -> np.ndarray:
-    """An atlas of `SPINES` book spines, each with bands and a title, uint8."""
+    """An atlas of `SPINES` book spines, each of one of four designs, uint8."""
     image = np.zeros((height, width, 3), np.float32)
     step = width // SPINES
     for k in range(SPINES):
         spine = image[:, k * step : (k + 1) * step]
-        colour = np.array(SHADES[rng.integers(len(SHADES))]) * rng.uniform(0.6, 1.1)
-        second = np.array(SHADES[rng.integers(len(SHADES))]) * rng.uniform(0.7, 1.1)
-        spine[:] = colour
+        first, second = (
+            np.array(SHADES[rng.integers(len(SHADES))]) * rng.uniform(0.5, 1.15) + rng.uniform(-0.06, 0.06, 3)
+            for _ in range(2)
+        )
+        spine[:] = np.clip(first, 0.03, 0.95)
+        _spine(spine, rng, np.clip(second, 0.03, 0.95))
+        spine *= 1 - 0.25 * np.abs(np.linspace(-1, 1, spine.shape[1]))[None, :, None] ** 3
+    return to_bytes(image * (1 + 0.05 * noise(rng, (32, 96), (height, width))[..., None]))
+
+
+def _spine(spine: np.ndarray, rng: Rng, ink: np.ndarray) -> None:
+    """Print one spine (height, width, 3): bands, a label, two halves, or ribs of gold; and a title."""
+    height, width = spine.shape[:2]
+    design = rng.integers(4)
+    start, stop = int(height * rng.uniform(0.15, 0.3)), int(height * rng.uniform(0.6, 0.85))
+    if design == 0:
         for _ in range(rng.integers(1, 4)):
             y = int(rng.uniform(0, 0.95) * height)
-            spine[y : y + int(rng.uniform(3, 14))] = second
-        start, stop = int(height * rng.uniform(0.15, 0.3)), int(height * rng.uniform(0.6, 0.85))
-        for y in range(start, stop, 5):
-            spine[y : y + 3, step // 3 : 2 * step // 3] = second if rng.random() < 0.8 else colour
-        spine *= 1 - 0.25 * np.abs(np.linspace(-1, 1, spine.shape[1]))[None, :, None] ** 3
-    return _bytes(image * (1 + 0.05 * noise(rng, (32, 96), (height, width))[..., None]))
+            spine[y : y + int(rng.uniform(3, 14))] = ink
+    elif design == 1:
+        spine[start:stop, 2:-2], ink = ink, spine[0, 0].copy()
+        start, stop = start + 4, stop - 4
+    elif design == 2:
+        spine[: int(height * rng.uniform(0.3, 0.7))] = ink
+        ink = np.array([0.92, 0.9, 0.85])
+    else:
+        ink = np.array([0.8, 0.66, 0.32])
+        for y in np.linspace(0.06, 0.94, int(rng.integers(4, 7))):
+            spine[int(y * height) : int(y * height) + 2] = ink
+    for y in range(start, stop, 5):
+        if rng.random() < 0.85:
+            spine[y : y + 3, width // 3 : 2 * width // 3] = ink
 
 
 def rug(rng: Rng, height: int = 256, width: int = 384) -> np.ndarray:
@@ -183,7 +171,7 @@ def rug(rng: Rng, height: int = 256, width: int = 384) -> np.ndarray:
         frame[inset:-inset, inset:-inset] = False
         image[frame] = colours[colour]
     pile = 0.1 * noise(rng, (96, 128), (height, width)) + 0.07 * noise(rng, (24, 32), (height, width))
-    return _bytes(image * (1 + pile[..., None]))
+    return to_bytes(image * (1 + pile[..., None]))
 
 
 def cover(rng: Rng, height: int = 128, width: int = 96) -> np.ndarray:
@@ -194,4 +182,4 @@ def cover(rng: Rng, height: int = 128, width: int = 96) -> np.ndarray:
     for row in range(4):
         y = 6 + row * 7
         cv2.line(image, (8, y), (int(width * rng.uniform(0.4, 0.9)), y), (1 - paper).tolist(), 3)
-    return _bytes(image)
+    return to_bytes(image)
