@@ -63,20 +63,20 @@ def evaluate_loops(run: Run, reference: Sequence, pairs: list[tuple[int, int]]) 
 def _judged(run: Run, loop: dict[str, Any], true: dict[int, np.ndarray]) -> dict[str, Any]:
     """One loop with its error; `wrong` is None where the reference lacks a pose of its frames."""
     try:
-        source, destination = int(loop["frame"]), int(loop["destination"])
-        T_dst_src = np.array(loop["T_dst_src"], dtype=np.float64).reshape(4, 4)
+        source, destination = int(loop["frame"]), int(loop["frame_destination"])
+        T_destination_frame = np.array(loop["T_destination_frame"], dtype=np.float64).reshape(4, 4)
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(
-            f"{run.path}/loops.json: a loop without {error}; expected frame, destination and T_dst_src"
+            f"{run.path}/loops.json: a loop without {error}; expected frame, frame_destination and T_destination_frame"
         ) from error
     if not (0 <= source < len(run.times) and 0 <= destination < len(run.times)):
         raise InputError(
             f"{run.path}/loops.json: a loop of frames {source} and {destination}; expected 0 to {len(run.times) - 1}"
         )
-    judged = {"kind": loop.get("kind"), "frame": source, "destination": destination}
+    judged = {"kind": loop.get("kind"), "frame": source, "frame_destination": destination}
     if source not in true or destination not in true:
         return judged | {"distance_m": None, "angle_deg": None, "wrong": None}
-    error = inverse(inverse(true[destination]) @ true[source]) @ T_dst_src
+    error = inverse(inverse(true[destination]) @ true[source]) @ T_destination_frame
     distance, angle = float(np.linalg.norm(error[:3, 3])), float(np.rad2deg(rotation_angle(error)))
     wrong = not (distance <= MAX_DISTANCE and angle <= MAX_ANGLE_DEG)  # NaN is wrong too
     return judged | {"distance_m": distance, "angle_deg": angle, "wrong": wrong}

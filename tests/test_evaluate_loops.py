@@ -49,7 +49,7 @@ def loop(frame, destination, error=(0, 0, 0, 0, 0, 0), kind="local"):
     reference = Reference()
     true = {i: reference.T_world_camera(i) if i != 5 else np.eye(4) for i in (frame, destination)}
     T = inverse(true[destination]) @ true[frame] @ exp_se3(np.array(error, dtype=float))
-    return {"kind": kind, "frame": frame, "destination": destination, "T_dst_src": T.tolist()}
+    return {"kind": kind, "frame": frame, "frame_destination": destination, "T_destination_frame": T.tolist()}
 
 
 PAIRS = [(i, i) for i in range(FRAMES)]
@@ -74,13 +74,13 @@ def test_correct_and_wrong_loops():
 
 
 def test_a_pose_of_nans_is_wrong():
-    bad = loop(9, 1) | {"T_dst_src": np.full((4, 4), np.nan).tolist()}
+    bad = loop(9, 1) | {"T_destination_frame": np.full((4, 4), np.nan).tolist()}
     assert evaluate_loops(run_with([bad]), Reference(), PAIRS)["wrong"] == 1
 
 
 def test_frames_are_matched_by_pairs_not_by_number():
     """The run started at frame 2 of the reference."""
-    shifted = loop(9, 3) | {"frame": 7, "destination": 1}
+    shifted = loop(9, 3) | {"frame": 7, "frame_destination": 1}
     tree = evaluate_loops(run_with([shifted]), Reference(), [(i, i + 2) for i in range(FRAMES - 2)])
     assert tree["correct"] == 1 and tree["distance_max_m"] < 1e-9
 
@@ -93,7 +93,9 @@ def test_nothing_to_score_says_why():
     assert (none["closed"], none["correct"], none["wrong"]) == (0, 0, 0) and none["distance_max_m"] is None
 
 
-@pytest.mark.parametrize("change", [{"frame": 99}, {"T_dst_src": [1, 2, 3]}, {"destination": None}])
+@pytest.mark.parametrize(
+    "change", [{"frame": 99}, {"T_destination_frame": [1, 2, 3]}, {"frame_destination": None}]
+)
 def test_damaged_loops_are_refused(change):
     with pytest.raises(InputError, match="loops.json"):
         evaluate_loops(run_with([loop(9, 1) | change]), Reference(), PAIRS)
