@@ -43,13 +43,12 @@ def fractal(rng: Rng, cells: int = 4, octaves: int = 5, roughness: float = 0.55)
 
 def to_bytes(image: np.ndarray) -> np.ndarray:
     """Colours 0..1, any shape, to uint8."""
-    return (np.clip(image, 0, 1) * 255).astype(np.uint8)
+    return cv2.addWeighted(image, 255.0, image, 0.0, 0.0, dtype=cv2.CV_8U)
 
 
 def shaded(colour: Colour, brightness: np.ndarray) -> np.ndarray:
     """A colour (0..1) times 1 + brightness, as uint8."""
-    image = np.asarray(colour, np.float32) * (1 + brightness[..., None])
-    return to_bytes(image)
+    return to_bytes((1 + brightness[..., None].astype(np.float32)) * np.asarray(colour, np.float32))
 
 
 def mixed(
@@ -190,7 +189,9 @@ def plaster(rng: Rng, colour: Colour) -> np.ndarray:
 
 def plain(rng: Rng, colour: Colour) -> np.ndarray:
     """Lacquer, plastic or ceramic: nearly uniform, with faint smears. One tile is about 0.5 m."""
-    return shaded(colour, 0.04 * fractal(rng, 4, 5) + 0.02 * noise(rng, (48, 48)))
+    small = (SIZE // 3, SIZE // 3)
+    smears = 0.03 * noise(rng, (4, 4), small) + 0.025 * noise(rng, (16, 16), small)
+    return shaded(colour, smears + 0.02 * noise(rng, (48, 48), small))
 
 
 def leaves(rng: Rng, colour: Colour) -> np.ndarray:

@@ -159,7 +159,7 @@ def plaid(rng: Rng, colour: Colour) -> np.ndarray:
     """Tartan: bands of two further colours that cross. One tile is about 0.6 m."""
     y, x = grid()
     colour = np.asarray(colour, np.float32)
-    image = np.broadcast_to(colour, (SIZE, SIZE, 3)).copy()
+    image = np.broadcast_to(colour, (SIZE, SIZE, 3))
     repeat = int(rng.integers(2, 5))
     for _ in range(int(rng.integers(2, 4))):
         tint = np.clip(colour * rng.uniform(0.3, 1.7) + rng.uniform(-0.2, 0.2, 3), 0.05, 0.9).astype(
@@ -167,8 +167,8 @@ def plaid(rng: Rng, colour: Colour) -> np.ndarray:
         )
         start, width = rng.uniform(0, 0.8), rng.uniform(0.05, 0.3)
         for line in (x, y):
-            band = ((line * repeat - start) % 1 < width).astype(np.float32)[..., None]
-            image = image * (1 - 0.5 * band) + 0.5 * tint * band
+            band = 0.5 * ((line * repeat - start) % 1 < width)[..., None].astype(np.float32)
+            image = image + band * (tint - image)
     weave = 0.06 * np.sin(2 * np.pi * 60 * x) * np.sin(2 * np.pi * 60 * y)
     return to_bytes(image * (1 + (weave + 0.06 * fractal(rng, 4, 4))[..., None]))
 
