@@ -128,7 +128,7 @@ class FernConfig:
     """A candidate is more like the view than this."""
     min_age: int = 300
     """A candidate for a loop is at least this many frames old."""
-    candidates: int = 3
+    candidates: int = 5
     """How many of the most similar keyframes are verified."""
 
 
@@ -156,7 +156,7 @@ class RelocaliseConfig:
     """Share of that in which the depths agree."""
     max_seen_through: float = 0.1
     """Share of that in which the frame looks through a surface of the model."""
-    min_ncc: float = 0.4
+    min_ncc: float = 0.7
     """Correlation of the intensities, local mean taken off."""
 
 

@@ -84,7 +84,7 @@ class Relocaliser:
             max_std=0.1,
         )  # fmt: skip
         self._small = Tracker(small, self._small_cameras)
-        self._full = Tracker(replace(track, so3=False), cameras)
+        self._full = Tracker(replace(track, so3=False, max_std=config.max_std), cameras)
         self.rejected: list[str] = []
         """Why each candidate of the last call was refused, in words."""
 
@@ -179,11 +179,11 @@ def disagreement(found: Agreement, config: RelocaliseConfig) -> str:
     """Why a pose is not believed, in words; empty if it is."""
     reasons = [
         (found.overlap < config.min_overlap, f"the model covers only {found.overlap:.0%} of the depth image"),
-        (found.same < config.min_same, f"only {found.same:.0%} of the depths agree with the model"),
         (
             found.seen_through > config.max_seen_through,
             f"{found.seen_through:.0%} of the model is seen through",
         ),
+        (found.same < config.min_same, f"only {found.same:.0%} of the depths agree with the model"),
         (found.ncc < config.min_ncc, f"the colours do not correlate ({found.ncc:.2f})"),
     ]
     return next((text for bad, text in reasons if bad), "")
