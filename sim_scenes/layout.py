@@ -1,15 +1,18 @@
-"""Where things go: a plan of the room that keeps furniture apart, doors free and pictures off cupboards."""
+"""Where things go: a plan of one room that keeps furniture apart, ways free and pictures off cupboards."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from dsmap.sim_scenes.scene import Assembly, Scene
+from dsmap.sim_scenes.scene import Assembly, Room, Scene
 from dsmap.sim_scenes.textures import Rng
+from dsmap.sim_scenes.walkable import Walkable
 
 GAP = 0.03
 """Air between furniture and a wall or a neighbour [m]."""
+FLAT = 0.03
+"""Things lower than this are walked over, and furniture may stand on them (rugs) [m]."""
 
 
 @dataclass
@@ -22,6 +25,8 @@ class Wall:
     """Into the room, shape (2,)."""
     length: float
     height: float
+    thickness: float = 0.16
+    """From its face inside to its back [m]."""
     busy: list[tuple[float, float, float, float]] = field(default_factory=list)
     """Rectangles x0, x1, z0, z1 that nothing may be hung on."""
 
@@ -30,10 +35,18 @@ class Wall:
         """The turn that makes an assembly's front (-y) look into the room [rad]."""
         return float(np.arctan2(self.normal[1], self.normal[0]) + np.pi / 2)
 
+    @property
+    def along(self) -> np.ndarray:
+        """Unit vector of growing x, shape (2,)."""
+        return np.array([-self.normal[1], self.normal[0]])
+
     def point(self, x: float, out: float) -> np.ndarray:
         """Floor position `x` along the wall and `out` metres into the room, shape (2,)."""
-        along = np.array([np.cos(self.yaw), np.sin(self.yaw)])
-        return self.centre + x * along + out * self.normal
+        return self.centre + x * self.along + out * self.normal
+
+    def local(self, xy: np.ndarray) -> float:
+        """The x of a floor position (2,)."""
+        return float((xy - self.centre) @ self.along)
 
     def free(self, x0: float, x1: float, z0: float, z1: float, margin: float = 0.06) -> bool:
         """Whether nothing hangs on or stands before that rectangle."""
@@ -43,78 +56,135 @@ class Wall:
         )
 
 
-def walls_of(size: np.ndarray) -> list[Wall]:
-    """The four walls of a room of inner `size` centred on the origin."""
-    half = size[:2] / 2
+def walls_of(room: Room) -> list[Wall]:
+    """The four walls of a room: at its lowest y, highest x, highest y, lowest x."""
+    centre, half = (room.low + room.high) / 2, (room.high - room.low) / 2
     normals = np.array([[0, 1], [-1, 0], [0, -1], [1, 0]], float)
-    return [Wall(-n * half, n, float(size[i % 2]), float(size[2])) for i, n in enumerate(normals)]
+    return [Wall(centre - n * half, n, 2 * float(half[i % 2]), room.height) for i, n in enumerate(normals)]
+
+
+@dataclass(frozen=True)
+class Block:
+    """Room taken by a piece: a turned rectangle on the floor times a range of heights."""
+
+    corners: np.ndarray
+    """Counter-clockwise [m], shape (4, 2)."""
+    low: float
+    high: float
+    """Heights [m]."""
+
+    def meets(self, other: "Block", gap: float) -> bool:
+        """Whether two blocks come nearer to each other than `gap` sideways (and overlap in height)."""
+        if self.high <= other.low or other.high <= self.low:
+            return False
+        for edge in np.concatenate([np.diff(self.corners[:3], axis=0), np.diff(other.corners[:3], axis=0)]):
+            axis = edge / np.linalg.norm(edge)
+            a, b = self.corners @ axis, other.corners @ axis
+            if a.max() + gap <= b.min() or b.max() + gap <= a.min():
+                return False
+        return True
 
 
 class Layout:
-    """Places assemblies in a scene and remembers the floor they take."""
+    """Places assemblies in one room of a scene and remembers the space they take."""
 
-    def __init__(self, scene: Scene, rng: Rng) -> None:
+    def __init__(self, scene: Scene, rng: Rng, room: int = 0) -> None:
         self.scene = scene
         self.rng = rng
-        self.walls = walls_of(scene.size)
-        self.taken: list[np.ndarray] = []
+        self.index = room
+        self.room = scene.rooms[room]
+        self.walls = walls_of(self.room)
+        self.taken: list[Block] = []
+        self.floor = Walkable(self.room.low, self.room.high)
 
-    def footprint(self, piece: Assembly, xy: np.ndarray, yaw: float) -> np.ndarray:
-        """Axis-aligned floor rectangle of a piece [m], shape (2, 2): low, high corner."""
-        low, high = piece.bounds()[:, :2]
-        corners = np.array([[x, y] for x in (low[0], high[0]) for y in (low[1], high[1])])
-        c, s = np.cos(yaw), np.sin(yaw)
-        corners = corners @ np.array([[c, s], [-s, c]]) + xy
-        return np.array([corners.min(0), corners.max(0)])
+    @property
+    def size(self) -> np.ndarray:
+        """Inner width (x), depth (y), height (z) of the room [m]."""
+        return np.array([*(self.room.high - self.room.low), self.room.height])
 
-    def fits(self, rect: np.ndarray, gap: float = GAP) -> bool:
-        """Whether a floor rectangle lies inside the room and off everything that was placed."""
-        half = self.scene.size[:2] / 2
-        if (rect[0] < -half).any() or (rect[1] > half).any():
-            return False
-        return all((rect[1] + gap <= t[0]).any() or (rect[0] - gap >= t[1]).any() for t in self.taken)
+    @property
+    def centre(self) -> np.ndarray:
+        """Middle of the floor [m], shape (2,)."""
+        return (self.room.low + self.room.high) / 2
 
-    def stand(self, piece: Assembly, xy: Iterable[float], yaw: float) -> bool:
-        """Stand a piece on the floor if there is room for it."""
-        xy = np.asarray(tuple(xy), float)
-        rect = self.footprint(piece, xy, yaw)
-        if not self.fits(rect):
-            return False
-        self.taken.append(rect)
-        self.scene.place(piece, (*xy, 0.0), yaw)
+    def block(self, piece: Assembly, xy: np.ndarray, yaw: float, z: float = 0.0) -> Block:
+        """The space that a piece takes."""
         low, high = piece.bounds()
-        self.scene.targets.append(np.array([*rect.mean(0), 0.3 * low[2] + 0.7 * high[2]]))
-        return True
+        x, y = [low[0], high[0], high[0], low[0]], [low[1], low[1], high[1], high[1]]
+        c, s = np.cos(yaw), np.sin(yaw)
+        return Block(np.stack([x, y], 1) @ np.array([[c, s], [-s, c]]) + xy, z + low[2], z + high[2])
+
+    def keep_out(self, wall: Wall, x0: float, x1: float, out: float, height: float = 2.1) -> None:
+        """Leave the floor before a stretch of wall free; people may walk there."""
+        corners = [wall.point(x1, 0.0), wall.point(x0, 0.0), wall.point(x0, out), wall.point(x1, out)]
+        self.taken.append(Block(np.array(corners), 0.0, height))
+
+    def fits(self, block: Block, gap: float = GAP, ignore: Sequence[Block] = ()) -> bool:
+        """Whether a block lies inside the room and off everything that was placed."""
+        if (block.corners < self.room.low - 1e-6).any() or (block.corners > self.room.high + 1e-6).any():
+            return False
+        return not any(t.meets(block, gap) for t in self.taken if not any(t is one for one in ignore))
+
+    def stand(
+        self,
+        piece: Assembly,
+        xy: Iterable[float],
+        yaw: float,
+        ignore: Sequence[Block] = (),
+        room: float = 0.0,
+    ) -> Block | None:
+        """Stand a piece on the floor if it fits and leaves the doors joined; returns the space it took.
+
+        Args:
+            ignore: blocks that it may reach into (the table of a chair).
+            room: air that it needs around it [m].
+        """
+        xy = np.asarray(tuple(xy), float)
+        block = self.block(piece, xy, yaw)
+        if not self.fits(block, max(GAP, room), ignore):
+            return None
+        if block.high > FLAT:
+            if not self.floor.stays_open([block.corners]):
+                return None
+            self.floor.block(block.corners)
+            self.taken.append(block)
+        self.scene.place(piece, (*xy, 0.0), yaw, room=self.index)
+        if block.high > FLAT:
+            low, high = piece.bounds()
+            self.scene.targets.append(np.array([*block.corners.mean(0), 0.3 * low[2] + 0.7 * high[2]]))
+        return block
 
     def against(self, piece: Assembly, wall: Wall, x: float | None = None, out: float = GAP) -> float | None:
         """Stand a piece with its back to a wall, at `x` or at a random free place; returns x or None."""
         low, high = piece.bounds()
-        reach = wall.length / 2
-        tries = (
-            [x]
-            if x is not None
-            else self.rng.uniform(-reach - low[0] + GAP, reach - high[0] - GAP, 24).tolist()
-        )
-        for at in tries:
+        for at in self._tries(wall, low[0] - GAP, high[0] + GAP, x, 24):
             left, right = at + low[0], at + high[0]
-            if left < -reach or right > reach or not wall.free(left, right, 0.0, float(high[2]), 0.0):
+            if not wall.free(left, right, 0.0, float(high[2]), 0.0):
                 continue
             if self.stand(piece, wall.point(at, float(high[1]) + out), wall.yaw):
                 wall.busy.append((left, right, 0.0, float(high[2])))
                 return at
         return None
 
-    def hang(self, piece: Assembly, wall: Wall, x: float | None, centre: float) -> bool:
-        """Hang a piece with its middle `centre` metres up, at `x` or at a random free place."""
+    def hang(self, piece: Assembly, wall: Wall, x: float | None, bottom: float) -> float | None:
+        """Hang a piece with its lower edge `bottom` metres up, at `x` or at a random free place."""
         low, high = piece.bounds()
-        bottom = centre - float(high[2]) / 2
-        reach = wall.length / 2 - 0.1
-        tries = [x] if x is not None else self.rng.uniform(-reach - low[0], reach - high[0], 16).tolist()
-        for at in tries:
+        for at in self._tries(wall, low[0] - 0.05, high[0] + 0.05, x, 16):
             left, right = at + low[0], at + high[0]
-            if wall.free(left, right, bottom, bottom + float(high[2])):
-                self.scene.place(piece, (*wall.point(at, float(high[1])), bottom), wall.yaw)
+            xy = wall.point(at, float(high[1]) + 0.002)
+            block = self.block(piece, xy, wall.yaw, bottom)
+            if wall.free(left, right, bottom, bottom + float(high[2])) and self.fits(block, 0.02):
+                self.scene.place(piece, (*xy, bottom), wall.yaw, room=self.index)
                 wall.busy.append((left, right, bottom, bottom + float(high[2])))
-                self.scene.targets.append(np.array([*wall.point(at, 0.0), min(centre, 1.25)]))
-                return True
-        return False
+                self.taken.append(block)
+                middle = bottom + float(high[2]) / 2
+                self.scene.targets.append(np.array([*wall.point(at, 0.0), min(middle, 1.25)]))
+                return at
+        return None
+
+    def _tries(self, wall: Wall, low: float, high: float, x: float | None, count: int) -> list[float]:
+        """Places along a wall for something that reaches from x + low to x + high."""
+        least, most = -wall.length / 2 - low, wall.length / 2 - high
+        if x is not None:
+            return [x] if least - 0.05 <= x <= most + 0.05 else []
+        return self.rng.uniform(least, most, count).tolist() if least < most else []

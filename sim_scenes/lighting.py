@@ -1,5 +1,6 @@
 """Lights of a room, exposed like a photograph: bright, but without walls burnt to white."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -14,19 +15,24 @@ BRIGHTEST = 1.08
 """Light that the best-lit places of walls, floor and ceiling get: times a white wall's albedo, just below 1."""
 
 
-def light(rng: Rng, looks: Looks, layout: Layout, window: Wall) -> None:
-    """A ceiling lamp, daylight from the window, and, without shadows, a weak third light and three fill lights.
+def light(rng: Rng, looks: Looks, layouts: Sequence[Layout], windows: Sequence[tuple[int, Wall]]) -> None:
+    """Ceiling lamps, daylight from windows, weak fill lights; exposed so that no wall burns to white.
 
-    Always the same number and kinds of lights: the ray tracer is compiled for that number.
+    Args:
+        layouts: one for each room of the scene.
+        windows: room number and wall of each window.
     """
-    scene, height = layout.scene, float(layout.scene.size[2])
-    spot = rng.uniform(-0.15, 0.15, 2) * scene.size[:2]
-    hanging = Assembly("objects")
-    decor.add_ceiling_lamp(rng, looks, hanging, height)
-    scene.place(hanging, (*spot, 0.0))
+    scene = layouts[0].scene
+    spots = [
+        layout.centre + rng.uniform(-0.15, 0.15, 2) * layout.size[:2] * (layout.size[:2] > 2.0)
+        for layout in layouts
+    ]
+    for layout, spot in zip(layouts, spots, strict=True):
+        hanging = Assembly("objects", name="ceiling_lamp")
+        decor.add_ceiling_lamp(rng, looks, hanging, layout.room.height)
+        scene.place(hanging, (*spot, 0.0), room=layout.index)
     warm, cool = np.array([1.0, 0.93, 0.82]), np.array([0.9, 0.96, 1.0])
     day, evening = rng.uniform(0.25, 0.45), rng.uniform(0.32, 0.48)
-    third = window.point(rng.uniform(-1, 1), rng.uniform(0.3, 0.5) * float(scene.size[0]))
 
     def point(xy: np.ndarray, z: float, colour: np.ndarray, power: float, shadow: bool = True) -> Light:
         return Light(np.array([*xy, z]), colour * power, colour * power * 0.5, None, shadow)
@@ -36,13 +42,19 @@ def light(rng: Rng, looks: Looks, layout: Layout, window: Wall) -> None:
         return Light(np.zeros(3), np.full(3, power), np.zeros(3), unit, False)
 
     scene.lights = [
-        point(spot, height - 0.52, warm, evening),
-        point(window.point(0.0, 0.35), 1.9, cool, day),
-        point(third, height - 0.25, warm, rng.uniform(0.06, 0.12), False),
-        fill((0.3, 0.2, -1.0), 0.1),
-        fill((-0.9, 0.5, 0.4), 0.08),
-        fill((0.3, -0.5, 1.0), 0.2),
+        point(spot, layout.room.height - 0.52, warm, evening)
+        for layout, spot in zip(layouts, spots, strict=True)
     ]
+    if len(layouts) == 1:
+        if windows:
+            window, height = windows[0][1], layouts[0].room.height
+            third = window.point(rng.uniform(-1, 1), rng.uniform(0.3, 0.5) * float(scene.size[0]))
+            scene.lights += [
+                point(window.point(0.0, 0.35), 1.9, cool, day),
+                point(third, height - 0.25, warm, rng.uniform(0.06, 0.12), False),
+            ]
+        scene.lights += [fill((-0.9, 0.5, 0.4), 0.08), fill((0.3, -0.5, 1.0), 0.2)]
+    scene.lights.append(fill((0.3, 0.2, -1.0), 0.1))
     scene.ambient = np.full(3, rng.uniform(0.28, 0.36))
     _expose(scene)
 

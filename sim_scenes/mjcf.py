@@ -10,7 +10,7 @@ from dsmap.frame import Intrinsics
 from dsmap.sim_scenes.scene import Scene
 from dsmap.sim_scenes.shapes import Shape
 
-MAX_LIGHTS = 6
+MAX_LIGHTS = 10
 """Every model has this many lights (the unused ones unlit): the ray tracer is compiled for their number."""
 NEAR, FAR = 0.02, 50.0
 """Clipping distances [m]."""
