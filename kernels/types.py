@@ -3,7 +3,7 @@
 Structures of arrays. An invalid pixel has vertex.z == 0 and normal == 0; an empty index is -1.
 """
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -16,6 +16,9 @@ NUM_EVIDENCE = NUM_CLASSES - 1
 """Columns of label evidence: the 13 classes; void has none."""
 GROWTH = 1.25
 """Capacity factor of a growing map; keeps allocated memory below 1.25 x the surfels' own bytes."""
+ADDRESSES = 1 << 25
+"""Rows of address space that a map on the CPU takes when it first grows. Memory comes with the first write to a
+row, so that up to this size growing copies nothing and no frame waits for it; beyond, and on CUDA, it copies."""
 
 
 @dataclass
@@ -74,6 +77,9 @@ class SurfelMap:
     label: wp.array  # uint8, argmax of the evidence; 0 = never labelled
     observations: wp.array  # float32, label observations n (sum of their weights)
     evidence: wp.array  # float32, shape (capacity, 13): sum of log p (bayes, geometric) or of p (mean)
+    _reserved: dict[str, np.ndarray] = field(
+        default_factory=dict, repr=False
+    )  # see ADDRESSES; (rows, columns)
 
     @staticmethod
     def empty(device: Any, capacity: int = 1 << 16) -> "SurfelMap":
@@ -90,16 +96,33 @@ class SurfelMap:
 
     @property
     def nbytes(self) -> int:
-        """Bytes allocated for surfels."""
+        """Bytes of the rows up to capacity."""
         return sum(getattr(self, name).capacity for name in ARRAYS)
 
     def reserve(self, capacity: int) -> None:
         """Make room for `capacity` surfels, growing by at least GROWTH; there is no upper limit."""
         if capacity <= self.capacity:
             return
-        for name, new in _allocate(max(capacity, int(self.capacity * GROWTH)), self.device).items():
-            wp.copy(new, getattr(self, name), count=self.count * (NUM_EVIDENCE if name == "evidence" else 1))
-            setattr(self, name, new)
+        rows = max(capacity, int(self.capacity * GROWTH))
+        if len(self._reserved.get("weight", ())) >= rows:
+            new = {name: _wrap(name, memory[:rows]) for name, memory in self._reserved.items()}
+        else:
+            new, self._reserved = self._copied(rows)
+        for name, array in new.items():
+            setattr(self, name, array)
+
+    def _copied(self, rows: int) -> tuple[dict[str, wp.array], dict[str, np.ndarray]]:
+        """Arrays of `rows` rows with the surfels in use, and the address space they lie in, if any."""
+        reserved = {} if self.device.is_cuda else _reserve(max(2 * rows, ADDRESSES))
+        if reserved:
+            new = {name: _wrap(name, memory[:rows]) for name, memory in reserved.items()}
+        else:
+            new = _allocate(rows, self.device)
+        for name, array in new.items():
+            wp.copy(
+                array, getattr(self, name), count=self.count * (NUM_EVIDENCE if name == "evidence" else 1)
+            )
+        return new, reserved
 
     def numpy(self) -> dict[str, np.ndarray]:
         """The surfels in use, by array name; views without a copy on the CPU."""
@@ -110,15 +133,33 @@ class SurfelMap:
         return {name: wp.to_torch(getattr(self, name), requires_grad=False)[: self.count] for name in ARRAYS}
 
 
-ARRAYS = tuple(field.name for field in fields(SurfelMap) if field.name != "count")
+_DTYPES: dict[str, Any] = {
+    "position": wp.vec3, "normal": wp.vec3, "colour": wp.vec3, "weight": wp.float32, "radius": wp.float32,
+    "t_created": wp.int32, "t_updated": wp.int32, "label": wp.uint8, "observations": wp.float32,
+    "evidence": wp.float32,
+}  # fmt: skip
+ARRAYS = tuple(_DTYPES)
 """Names of the arrays of a SurfelMap."""
 
 
 def _allocate(capacity: int, device: Any) -> dict[str, wp.array]:
-    dtypes = {
-        "position": wp.vec3, "normal": wp.vec3, "colour": wp.vec3, "weight": wp.float32, "radius": wp.float32,
-        "t_created": wp.int32, "t_updated": wp.int32, "label": wp.uint8, "observations": wp.float32,
-    }  # fmt: skip
-    arrays = {name: wp.zeros(capacity, dtype=dtype, device=device) for name, dtype in dtypes.items()}
-    arrays["evidence"] = wp.zeros((capacity, NUM_EVIDENCE), dtype=wp.float32, device=device)
-    return arrays
+    shapes = {name: (capacity, NUM_EVIDENCE) if name == "evidence" else capacity for name in ARRAYS}
+    return {name: wp.zeros(shapes[name], dtype=_DTYPES[name], device=device) for name in ARRAYS}
+
+
+def _reserve(rows: int) -> dict[str, np.ndarray]:
+    """Zeros of shape (rows, columns) by array name, in memory that is not there before it is written to."""
+    columns = {name: 3 if dtype is wp.vec3 else 1 for name, dtype in _DTYPES.items()} | {
+        "evidence": NUM_EVIDENCE
+    }
+    scalars = {wp.vec3: np.float32, wp.float32: np.float32, wp.int32: np.int32, wp.uint8: np.uint8}
+    try:
+        return {name: np.zeros((rows, columns[name]), scalars[dtype]) for name, dtype in _DTYPES.items()}
+    except MemoryError:  # a system that counts addresses as memory
+        return {}
+
+
+def _wrap(name: str, rows: np.ndarray) -> wp.array:
+    """The memory of `_reserve` as a Warp array of this name."""
+    shaped = rows if rows.shape[1] > 1 else rows[:, 0]
+    return wp.array(shaped, dtype=_DTYPES[name], device="cpu", copy=False)

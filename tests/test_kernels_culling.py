@@ -197,3 +197,20 @@ def test_a_frame_walks_what_it_sees():
     assert len(mapper.visible(first.T_world_camera)) <= seen // BLOCK + 2
     camera = make_camera(INTRINSICS)
     assert in_view(m, camera, first.T_world_camera, 6.0).sum() >= 0.9 * seen
+
+
+@pytest.mark.parametrize("addresses", [1 << 25, 1])
+def test_growing_keeps_the_rows_and_new_rows_are_zero(addresses, monkeypatch):
+    monkeypatch.setattr("dsmap.kernels.types.ADDRESSES", addresses)
+    surfels = box_map(np.random.default_rng(3), 1_000)
+    surfels.evidence.numpy()[:] = np.arange(13)
+    expected = {name: array.copy() for name, array in surfels.numpy().items()}
+    for capacity in (1_001, 1_400, 5_000):
+        surfels.reserve(capacity)
+        assert capacity <= surfels.capacity <= max(capacity, 1.25 * 1_400)
+        assert_same(surfels.numpy(), expected)
+        assert not surfels.evidence.numpy()[1_000:].any() and not surfels.weight.numpy()[1_000:].any()
+        assert surfels.nbytes == surfels.capacity * 109
+    kept = surfels.position.ptr
+    surfels.reserve(3 * surfels.capacity)
+    assert (surfels.position.ptr == kept) == (addresses > 1), "no copy within the reserved addresses"
