@@ -1,14 +1,17 @@
-"""Camera paths through the free space of a room: hand-held walks, and scattered single views."""
+"""Camera paths through the free space of a scene: hand-held walks, round trips, trials, scattered single views."""
 
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.interpolate import BSpline
-from scipy.spatial import KDTree
 
 from dsmap.errors import InputError
+from dsmap.sim_scenes.free_space import FreeSpace
+from dsmap.sim_scenes.routes import round_trip, wander
 from dsmap.sim_scenes.scene import Scene
 from dsmap.sim_scenes.textures import Rng
+from dsmap.sim_scenes.tremor import tremor
+from dsmap.sim_scenes.trials import Sampler, carried_times, with_bursts
 
 CLEARANCE = 0.42
 """A walk keeps this far from every surface [m]."""
@@ -18,41 +21,12 @@ STEP_M = (0.65, 1.2)
 """Distance between neighbouring control points [m]."""
 TURN = np.radians((22.0, 80.0))
 """Change of heading between neighbouring control points [rad]."""
-PATHS = ("walk", "views")
-
-
-class FreeSpace:
-    """Distance from any point of a room to the nearest surface."""
-
-    def __init__(self, scene: Scene) -> None:
-        vertices, faces, _, _ = scene.surface()
-        self._tree = KDTree(surface_samples(vertices, faces, 0.04, np.random.default_rng(scene.seed)))
-        self.low = np.array([*(-scene.size[:2] / 2), 0.0]) + 0.1
-        self.high = np.array([*(scene.size[:2] / 2), scene.size[2]]) - 0.1
-
-    def clearance(self, points: np.ndarray) -> np.ndarray:
-        """Distance to the nearest surface [m] of points (N, 3); 0 outside the room; good to about 2 cm."""
-        inside = ((points > self.low) & (points < self.high)).all(1)
-        return np.where(inside, self._tree.query(points)[0], 0.0)
-
-    def sample(self, rng: Rng, count: int, heights: tuple[float, float], clearance: float) -> np.ndarray:
-        """Up to `count` random points [m], shape (N, 3), at eye heights and clear of all surfaces."""
-        low, high = self.low.copy(), self.high.copy()
-        low[2], high[2] = heights
-        points = rng.uniform(low, high, (8 * count, 3))
-        return points[self.clearance(points) >= clearance][:count]
-
-
-def surface_samples(vertices: np.ndarray, faces: np.ndarray, spacing: float, rng: Rng) -> np.ndarray:
-    """Random points on triangles, about one per `spacing` squared [m], and every vertex; shape (N, 3)."""
-    corner = vertices[faces]
-    area = 0.5 * np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1)
-    owner = rng.choice(len(faces), int(area.sum() / spacing**2), p=area / area.sum())
-    u, v = rng.random((2, len(owner), 1))
-    flip = u + v > 1
-    u, v = np.where(flip, 1 - u, u), np.where(flip, 1 - v, v)
-    a, b, c = corner[owner].transpose(1, 0, 2)
-    return np.concatenate([a + u * (b - a) + v * (c - a), vertices])
+CRAMPED = 0.3
+"""Where a freely drawn walk comes closer to things than this [m], a planned one takes its place."""
+PATHS = ("walk", "views", "loop", "fast", "cover", "jump")
+"""walk = hand-held video; views = unrelated viewpoints; loop = a round trip back to the first view; fast = a walk
+with bursts of over 120 degrees a second; cover = a walk with the lens covered for a second (`covered_frames`);
+jump = a walk during which the camera is carried to places seen before."""
 
 
 def look(eye: np.ndarray, yaw: np.ndarray, pitch: np.ndarray, roll: np.ndarray) -> np.ndarray:
@@ -70,14 +44,39 @@ def look(eye: np.ndarray, yaw: np.ndarray, pitch: np.ndarray, roll: np.ndarray) 
 def camera_path(scene: Scene, kind: str, frames: int, fps: float, seed: int) -> np.ndarray:
     """Poses T_world_camera of every frame, float64, shape (frames, 4, 4).
 
+    Args:
+        kind: one of `PATHS`.
+        frames: how many; 0 = as many as the round trip takes (kind `loop` only). A round trip that is given
+            more frames goes around again, with fewer it stays unfinished.
+
     Raises:
-        InputError: unknown kind, or a room without free space.
+        InputError: unknown kind, no number of frames, or a scene without free space.
     """
     if kind not in PATHS:
         raise InputError(f"unknown camera path {kind!r}; expected one of: {', '.join(PATHS)}")
+    if frames < 1 and kind != "loop":
+        raise InputError(
+            f"frames is {frames}; expected at least 1 (0 only for path loop: as many as it takes)"
+        )
     space = FreeSpace(scene)
     rng = np.random.default_rng([seed, 77])
-    return views(scene, space, frames, rng) if kind == "views" else walk(scene, space, frames, fps, rng)
+    if kind == "views":
+        return views(scene, space, frames, rng)
+    if kind == "loop":
+        tour = round_trip(scene, space, rng, frames / fps)
+        frames = frames or int(tour.duration() * fps)
+        sampler: Sampler = tour.sampled
+    else:
+        sampler = walk(scene, space, frames / fps, rng)
+    t = np.arange(frames) / fps
+    hands, trial = (np.random.default_rng([seed, k]) for k in (79, 80))
+    state = sampler(carried_times(sampler, t, frames / fps, trial) if kind == "jump" else t)
+    if kind == "fast":
+        state = with_bursts(state, t, frames / fps, trial)
+    shake = tremor(hands, t)
+    state = state + shake[:, :5]
+    roll = np.radians(0.8) * np.sin(0.9 * t + state[0, 3]) * np.minimum(1.0, t) + shake[:, 5]
+    return look(state[:, :3], state[:, 3], state[:, 4], roll)
 
 
 @dataclass
@@ -96,59 +95,48 @@ class _Walk:
         return BSpline(knots, control, 3)(t / KNOT_S)
 
 
-def walk(scene: Scene, space: FreeSpace, frames: int, fps: float, rng: Rng) -> np.ndarray:
+def walk(scene: Scene, space: FreeSpace, seconds: float, rng: Rng) -> Sampler:
     """A hand-held walk at a calm pace that looks at one piece of furniture after another.
 
     Its first 10 s are drawn again (up to 40 times) until they cover 4.4 m and 200 degrees; what follows
-    continues the tour, so a longer recording begins like a shorter one.
+    continues the tour, so a longer recording begins like a shorter one. Scenes of several rooms, and rooms too
+    narrow for it, have a planned walk (`routes.wander`).
     """
-    best, best_score = None, -1.0
+    if len(scene.rooms) > 1:
+        return wander(scene, space, rng, seconds + 1).sampled
+    best, best_score, best_room = None, -1.0, 0.0
     for attempt in range(40):
         trial = np.random.default_rng([int(rng.integers(2**31)), attempt])
         tour = _started(scene, space, trial)
+        if tour is None:
+            break
         while len(tour.eye) < 11:
             _extend(tour, scene, space, trial)
-        t = np.arange(300) / 30
-        smooth = tour.sampled(t)
-        length, turned = path_length(smooth[:, :3]), rotation_sum(look(*_split(smooth)))
-        score = (
-            min(length / 4.4, 1.0)
-            + min(turned / 200, 1.0)
-            + min(space.clearance(smooth[:, :3]).min() / 0.4, 1.0)
-        )
+        smooth = tour.sampled(np.arange(300) / 30)
+        length, turned = path_length(smooth[:, :3]), rotation_sum(_level(smooth))
+        room = float(space.clearance(smooth[:, :3]).min())
+        score = min(length / 4.4, 1.0) + min(turned / 200, 1.0) + min(room / 0.4, 1.0)
         if score > best_score:
-            best, best_score = (tour, trial), score
+            best, best_score, best_room = (tour, trial), score, room
         if score >= 3.0:
             break
-    assert best is not None
+    if best is None or best_room < CRAMPED:
+        return wander(scene, space, rng, seconds + 1).sampled
     tour, trial = best
-    while (len(tour.eye) - 3) * KNOT_S < frames / fps + KNOT_S:
+    while (len(tour.eye) - 3) * KNOT_S < seconds + KNOT_S:
         _extend(tour, scene, space, trial)
-    t = np.arange(frames) / fps
-    state = tour.sampled(t) + _tremor(np.random.default_rng([int(rng.integers(2**31))]), t)[:, :5]
-    return look(*_split(state))
+    return tour.sampled
 
 
-def _split(state: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    roll = np.radians(0.8) * np.sin(0.9 * np.arange(len(state)) / 30 + state[0, 3])
-    return state[:, :3], state[:, 3], state[:, 4], roll
+def _level(state: np.ndarray) -> np.ndarray:
+    return look(state[:, :3], state[:, 3], state[:, 4], np.zeros(len(state)))
 
 
-def _tremor(rng: Rng, t: np.ndarray) -> np.ndarray:
-    """Sum of sines at 0.5-5 Hz, amplitude falling with frequency: metres and radians, shape (N, 5)."""
-    frequency = rng.uniform(0.5, 5.0, (12, 5))
-    phase = rng.uniform(0, 2 * np.pi, (12, 5))
-    waves = (np.sin(2 * np.pi * frequency * t[:, None, None] + phase) / frequency).sum(1)
-    return waves * np.array([0.0016, 0.0016, 0.0022, np.radians(0.13), np.radians(0.13)])
-
-
-def _started(scene: Scene, space: FreeSpace, rng: Rng) -> _Walk:
-    """At rest, looking at the room's main piece from 1.3 to 3 m."""
+def _started(scene: Scene, space: FreeSpace, rng: Rng) -> _Walk | None:
+    """At rest, looking at the room's main piece from 1.3 to 3 m; None where there is no place for that."""
     candidates = space.sample(rng, 60, (1.2, 1.55), CLEARANCE + 0.08)
-    if len(candidates) == 0:
-        candidates = space.sample(rng, 60, (1.2, 1.7), 0.2)
-    if len(candidates) == 0:
-        raise InputError(f"scene {scene.name} seed {scene.seed} leaves the camera no free space")
+    if len(candidates) == 0 or len(scene.targets) == 0:
+        return None
     distance = np.linalg.norm(candidates[:, :2] - scene.targets[0][:2], axis=1)
     eye = candidates[np.argmin(np.abs(distance - rng.uniform(1.6, 2.6)))]
     yaw, pitch = _heading(eye, scene.targets[0])
