@@ -90,8 +90,8 @@ class LoopConfig:
     """Gate: mean squared point-to-plane distance [m^2]."""
     min_inliers: int = 35000
     """Gate: matched pixels."""
-    max_covariance: float = 1e-5
-    """Gate: every diagonal entry of (J^T J)^-1, residuals in metres and intensity in [0, 1]."""
+    max_covariance: float = 1e-3
+    """Gate: every diagonal entry of (J^T J)^-1 for E_icp + 0.1 E_rgb in metres (1e-5 for 100 E_icp + E_rgb)."""
     min_agreement: float = 0.7
     """Gate: share of the pixels seen in both views, after registration, that are one surface."""
     max_rms_rgb: float = 0.12

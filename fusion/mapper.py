@@ -13,33 +13,25 @@ import warp as wp
 from dsmap.errors import InputError
 from dsmap.frame import Frame, Intrinsics, orthonormal
 from dsmap.fusion.config import MapConfig
+from dsmap.fusion.loop_closure import LoopCloser, LoopRecord, Moment
 from dsmap.fusion.segmenter import Segmenter
 from dsmap.fusion.semantics import Schedule
 from dsmap.fusion.tracker import Health, ModelView, Tracker
+from dsmap.fusion.trajectory import TrajectoryPoint
+from dsmap.fusion.views import Views, pyramid_cameras
 from dsmap.kernels.associate import associate
-from dsmap.kernels.camera import make_camera
 from dsmap.kernels.compact import Sweep
 from dsmap.kernels.culling import Blocks
 from dsmap.kernels.fuse import fuse_frame
 from dsmap.kernels.label import posterior, update_labels
-from dsmap.kernels.predict import predict_model
-from dsmap.kernels.preprocess import clean_depth, intensity_map, preprocess
+from dsmap.kernels.preprocess import clean_depth, preprocess
 from dsmap.kernels.prune import prune
-from dsmap.kernels.types import FrameMaps, ModelMaps, SurfelMap
+from dsmap.kernels.types import FrameMaps, SurfelMap
 
 LEVELS = 3
 """Pyramid levels of tracking."""
 _MIN_DEPTH_PIXELS = 0.02
 """A frame with a smaller share of valid depth is lost: there is nothing to track or to fuse."""
-
-
-@dataclass
-class TrajectoryPoint:
-    """One line of the trajectory: every frame has one; a lost frame carries the last pose."""
-
-    time: float
-    T_world_camera: np.ndarray
-    tracked: bool
 
 
 @dataclass
@@ -54,6 +46,10 @@ class StepResult:
     """Why the frame is lost, in words; empty when tracked."""
     inserted: int
     segmented: bool
+    relocalised: bool = False
+    """Tracking had lost this frame; it was found again by keyframes."""
+    loop: LoopRecord | None = None
+    """The loop that was closed after this frame."""
     stages_ms: dict[str, float] = field(default_factory=dict)
 
 
@@ -78,63 +74,65 @@ class Mapper:
         self.intrinsics = intrinsics
         self.segmenter = segmenter
         self.device = _device(config.device)
-        sizes = [(intrinsics.width >> level, intrinsics.height >> level) for level in range(LEVELS)]
-        self.cameras = [make_camera(_level(intrinsics, level, *size)) for level, size in enumerate(sizes)]
+        self.cameras = pyramid_cameras(intrinsics, LEVELS)
         self.camera = self.cameras[0]
         self.tracker = Tracker(config.track, self.cameras)
         self.schedule = Schedule(config.labels)
-        self.adopt(SurfelMap.empty(self.device))
+        self.surfels = SurfelMap.empty(self.device)
+        self.blocks = Blocks(self.surfels, config.surfels.stable_weight)
+        self._sweep = Sweep(self.surfels, self.blocks)
         self._visible: wp.array | None = None
+        self.views = Views(config, self.blocks, self.cameras)
+        looping = config.loops.mode != "off" and config.poses == "track"
+        self.closer = LoopCloser(config, intrinsics, self.views) if looping else None
         self.view: ModelView | None = None
+        self.view_t_active = 0
         self.time = 0
+        self._last_fused = -1
         self.T_world_camera = np.eye(4)
         self.trajectory: list[TrajectoryPoint] = []
-        self.maps = ModelMaps.empty(intrinsics.height, intrinsics.width, self.device)
+        self.maps = self.views.empty()
         self._match = wp.empty((intrinsics.height, intrinsics.width), dtype=wp.int32, device=self.device)
         self._clock: dict[str, float] = {}
         self.stages_ms: dict[str, list[float]] = defaultdict(list)
 
     def adopt(self, surfels: SurfelMap) -> None:
         """Go on with this map: a new one, or one that was loaded; it lies on the mapper's device."""
-        self.surfels = surfels
-        self.blocks = Blocks(surfels, self.config.surfels.stable_weight)
+        self.surfels = self.blocks.surfels = surfels
+        self.blocks.forget()
         self._sweep = Sweep(surfels, self.blocks)
 
     def step(self, frame: Frame) -> StepResult:
-        """Process one frame: preprocess, track, associate, fuse, clean up, segment, label, predict."""
+        """Process one frame: preprocess, track, associate, fuse, clean up, segment, label, predict, close loops."""
         self._clock = {}
-        inserted, segmented = 0, False
+        result = StepResult(self.T_world_camera, False, None, "", 0, False, stages_ms=self._clock)
         with self._stage("preprocess"):
-            depth = self._checked_depth(frame)
-            maps = preprocess(frame.rgb, depth, self.cameras, self.device)
+            maps = preprocess(frame.rgb, self._checked_depth(frame), self.cameras, self.device)
         with self._stage("track"):
-            tracked, reason, health = self._locate(frame, maps)
-        if tracked:
+            self._locate(frame, maps, result)
+        self.trajectory.append(TrajectoryPoint(frame.time, self.T_world_camera.copy(), result.tracked))
+        if result.tracked:
             with self._stage("associate"):
-                self._visible = self.visible(self.T_world_camera)
                 self._associate(maps[0])
             with self._stage("fuse"):
-                T, camera = self.T_world_camera, self.camera
-                inserted = fuse_frame(self.surfels, camera, T, maps[0], self._match, time=self.time)
+                result.inserted = self._fuse(maps[0])
             with self._stage("clean up"):
                 self._clean_up(maps[0])
             with self._stage("segment"):
-                due = self.segmenter is not None and self.schedule.due(self.T_world_camera)
-                probabilities = self.segmenter(frame) if due and self.segmenter else None
+                probabilities = self._segment(frame)
             with self._stage("label"):
-                segmented = probabilities is not None
-                if probabilities is not None:
-                    self._label(maps[0], probabilities)
+                result.segmented = self._label(maps[0], probabilities)
             with self._stage("predict"):
-                self.view = self._predict()
-                self.tracker.remember(maps)
+                self._predict()
+            with self._stage("loops"):
+                result.loop = self._close_loops(maps)
+            self.tracker.remember(maps)
+            self._last_fused = self.time
         self.time += 1
-        self.trajectory.append(TrajectoryPoint(frame.time, self.T_world_camera.copy(), tracked))
         for name, ms in self._clock.items():
             self.stages_ms[name].append(ms)
-        return StepResult(
-            self.T_world_camera.copy(), tracked, health, reason, inserted, segmented, self._clock
-        )
+        result.T_world_camera = self.T_world_camera.copy()
+        return result
 
     def skip(self, time: float) -> None:
         """Record a frame that could not be read: it counts as lost and carries the last pose."""
@@ -153,6 +151,11 @@ class Mapper:
         save_run(self, Path(run_dir))
 
     @property
+    def loops(self) -> list[LoopRecord]:
+        """The loops closed so far."""
+        return self.closer.records if self.closer else []
+
+    @property
     def tracked_frames(self) -> int:
         return sum(point.tracked for point in self.trajectory)
 
@@ -166,41 +169,58 @@ class Mapper:
                 )
         return clean_depth(frame.depth, self.config.depth_min, self.config.depth_max)
 
-    def _locate(self, frame: Frame, maps: list[FrameMaps]) -> tuple[bool, str, Health | None]:
+    def _locate(self, frame: Frame, maps: list[FrameMaps], result: StepResult) -> None:
+        """Find the camera's pose: given, tracked, or, when tracking has lost it, by keyframes."""
         if self.config.poses == "given":
-            if frame.T_world_camera is None:
-                return False, "no pose is given for this frame", None
-            self.T_world_camera = np.asarray(frame.T_world_camera, dtype=np.float64)
-            return True, "", None
-        vertex = maps[0].vertex.numpy()
-        if np.count_nonzero(vertex[::4, ::4, 2]) < _MIN_DEPTH_PIXELS * vertex[::4, ::4, 2].size:
-            return False, "too little depth", None
-        if self.view is None:
-            return True, "", None  # the first frame defines the world
-        T_prev_cur, health = self.tracker.track(maps, self.view)
-        if health.tracked:
-            self.T_world_camera = orthonormal(self.view.T_world_camera @ T_prev_cur)
-        return health.tracked, health.reason, health
+            result.tracked = frame.T_world_camera is not None
+            result.reason = "" if result.tracked else "no pose is given for this frame"
+            if frame.T_world_camera is not None:
+                self.T_world_camera = np.asarray(frame.T_world_camera, dtype=np.float64)
+            return
+        depth = maps[0].vertex.numpy()[::4, ::4, 2]
+        if np.count_nonzero(depth) < _MIN_DEPTH_PIXELS * depth.size:
+            result.reason = "too little depth"
+        elif self.view is None:
+            result.tracked = True  # the first frame defines the world
+        else:
+            T_prev_cur, result.health = self.tracker.track(maps, self.view)
+            result.tracked, result.reason = result.health.tracked, result.health.reason
+            if result.tracked:
+                self.T_world_camera = orthonormal(self.view.T_world_camera @ T_prev_cur)
+            elif self.closer:
+                self._relocalise(maps, result)
+
+    def _relocalise(self, maps: list[FrameMaps], result: StepResult) -> None:
+        assert self.closer is not None
+        found = self.closer.relocalise(maps, self.time)
+        if found is not None:
+            self.T_world_camera = found
+            self.closer.wake(maps, found, self.time, self._t_active)
+            result.tracked = result.relocalised = True
 
     @property
     def _t_active(self) -> int:
-        return max(self.time - self.config.surfels.active_window, 0)
-
-    def _associate(self, maps: FrameMaps) -> None:
-        surfels = self.config.surfels
-        associate(
-            self.surfels, self.camera, self.T_world_camera, maps.vertex, maps.normal, maps.edge, match=self._match,
-            max_ray_distance=surfels.max_ray_distance, max_ray_distance_z2=surfels.ray_distance_z2,
-            max_angle=surfels.max_angle, visible=self._visible,
-        )  # fmt: skip
+        """Surfels updated since this frame are active; lost frames do not make the map older."""
+        if self.closer is None:
+            return 0
+        return max(self._last_fused + 1 - self.config.surfels.active_window, 0)
 
     def visible(self, T_world_camera: np.ndarray) -> wp.array:
         """Blocks of the map that may hold what a frame from this pose sees: `visible` of the kernels' launchers."""
-        config = self.config.surfels
-        gate = max(config.max_ray_distance, config.ray_distance_z2 * self.config.depth_max**2)
-        # A surfel passes the gate along a ray up to a pixel beside its own, so a little further away.
-        reach = (self.config.depth_max + gate) * (1 + 2 / self.camera.fx)
-        return self.blocks.visible(self.camera, T_world_camera, reach)
+        return self.views.visible(T_world_camera)
+
+    def _associate(self, maps: FrameMaps) -> None:
+        surfels = self.config.surfels
+        self._visible = self.visible(self.T_world_camera)
+        associate(
+            self.surfels, self.camera, self.T_world_camera, maps.vertex, maps.normal, maps.edge, match=self._match,
+            max_ray_distance=surfels.max_ray_distance, max_ray_distance_z2=surfels.ray_distance_z2,
+            max_angle=surfels.max_angle, t_min=self._t_active, visible=self._visible,
+        )  # fmt: skip
+
+    def _fuse(self, maps: FrameMaps) -> int:
+        T, camera = self.T_world_camera, self.camera
+        return fuse_frame(self.surfels, camera, T, maps, self._match, time=self.time)
 
     def _clean_up(self, maps: FrameMaps) -> None:
         surfels, walk = self.config.surfels, self._visible
@@ -215,21 +235,39 @@ class Mapper:
         self._sweep.step()
         self._visible = self.visible(self.T_world_camera)  # with the frame's new surfels
 
-    def _label(self, maps: FrameMaps, probabilities: np.ndarray) -> None:
+    def _segment(self, frame: Frame) -> np.ndarray | None:
+        if self.segmenter is None or not self.schedule.due(self.T_world_camera):
+            return None
+        return self.segmenter(frame)
+
+    def _label(self, maps: FrameMaps, probabilities: np.ndarray | None) -> bool:
+        if probabilities is None:
+            return False
         update_labels(
             self.surfels, self.camera, self.T_world_camera, maps.depth, maps.edge, probabilities,
             rule=self.config.labels.rule, floor=self.config.labels.floor,
             max_distance=self.config.surfels.max_ray_distance, max_distance_z2=self.config.surfels.ray_distance_z2,
-            visible=self._visible,
+            t_min=self._t_active, visible=self._visible,
         )  # fmt: skip
+        return True
 
-    def _predict(self) -> ModelView:
-        predict_model(
-            self.surfels, self.camera, self.T_world_camera, max_depth=self.config.depth_max, maps=self.maps,
-            stable_weight=self.config.surfels.stable_weight, t_min=0, visible=self._visible,
-        )  # fmt: skip
-        T = self.T_world_camera.copy()
-        return ModelView(self.maps.vertex, self.maps.normal, intensity_map(self.maps.colour), LEVELS, T)
+    def _predict(self) -> None:
+        """The active model's view from the camera, which the next frame is tracked against."""
+        self.view_t_active = self._t_active
+        T, t_min = self.T_world_camera, self.view_t_active
+        self.views.render(T, self.maps, t_min=t_min, visible=self._visible)
+        self.view = self.views.pyramid(T, self.maps)
+
+    def _close_loops(self, maps: list[FrameMaps]) -> LoopRecord | None:
+        if self.closer is None or self.view is None:
+            return None
+        before = len(self.closer.records)
+        now = Moment(maps, self.view, self.maps, self.time, self._t_active, self.trajectory)
+        if self.closer.close(now):
+            self.T_world_camera = self.trajectory[-1].T_world_camera.copy()
+            self._visible = self.visible(self.T_world_camera)
+            self._predict()
+        return self.closer.records[-1] if len(self.closer.records) > before else None
 
     @contextmanager
     def _stage(self, name: str) -> Iterator[None]:
@@ -238,14 +276,6 @@ class Mapper:
         if self.device.is_cuda:
             wp.synchronize_device(self.device)
         self._clock[name] = (time.perf_counter() - start) * 1e3
-
-
-def _level(intrinsics: Intrinsics, level: int, width: int, height: int) -> Intrinsics:
-    # Level sizes round down; the block means then leave out an odd last row or column.
-    cropped = Intrinsics(
-        width << level, height << level, intrinsics.fx, intrinsics.fy, intrinsics.cx, intrinsics.cy
-    )  # fmt: skip
-    return cropped.scaled(width, height)
 
 
 def _device(name: str) -> wp.Device:

@@ -119,11 +119,8 @@ class Tracker:
         iterations = iterations or self.config.iterations
         icp = rgb = None
         for level in reversed(range(model.finest, len(self.cameras))):
-            gates = self._gates(level)
             for _ in range(iterations[level]):
-                icp, rgb = joint_normal_equations(
-                    self.cameras[level], T_model_source, gates, source[level], model.levels[level]
-                )
+                icp, rgb = self.normal_equations(level, source[level], model.levels[level], T_model_source)
                 # Eq. 3: E = E_icp + w_rgb E_rgb
                 xi = _solve(icp[0] + self.config.w_rgb * rgb[0], icp[1] + self.config.w_rgb * rgb[1])
                 if xi is None:
@@ -133,6 +130,10 @@ class Tracker:
                     break
         diverged = not np.isfinite(T_model_source).all()
         return T_model_source, self._verdict(source, model.finest, icp, rgb, diverged)
+
+    def normal_equations(self, level: int, source: tuple, model: tuple, T_model_source: np.ndarray) -> tuple:
+        """Of Eq. 1 and Eq. 2 on one pyramid level: see `joint_normal_equations`, with the configured gates."""
+        return joint_normal_equations(self.cameras[level], T_model_source, self._gates(level), source, model)
 
     def prealign(self, intensity: wp.array, last_intensity: wp.array, last_gradient: wp.array) -> np.ndarray:
         """R_prev_cur, shape (3, 3), that best turns one image of the coarsest level into another."""

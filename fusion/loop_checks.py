@@ -1,0 +1,89 @@
+"""What a loop must pass before the map is bent for it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import warp as wp
+
+from dsmap.fusion.config import LoopConfig
+from dsmap.fusion.tracker import Health, ModelView, Tracker
+
+_SLACK = 0.03
+_SLACK_Z2 = 0.01
+"""Two depths are one surface if they differ by less than _SLACK [m] + _SLACK_Z2 [1/m] x depth^2."""
+
+
+@dataclass
+class Overlap:
+    """How the active and the inactive view from one pose cover each other; shares of the image."""
+
+    inactive: float
+    """Pixels that see an inactive surface."""
+    both: float
+    """Pixels that see one in either view."""
+    same: float
+    """Of these, the share where both are one surface."""
+
+
+def overlap(active: wp.array, inactive: wp.array) -> Overlap:
+    """Compare two vertex maps of one camera, shapes (H, W)."""
+    a, b = (view.numpy()[..., 2] for view in (active, inactive))
+    both = (a > 0) & (b > 0)
+    same = both & (np.abs(a - b) < _SLACK + _SLACK_Z2 * a * a)
+    count = np.count_nonzero(both)
+    return Overlap(
+        inactive=np.count_nonzero(b) / b.size,
+        both=count / a.size,
+        same=np.count_nonzero(same) / count if count else 0.0,
+    )
+
+
+def objection(
+    health: Health,
+    config: LoopConfig,
+    seen: Overlap | None = None,
+    shift: float = 0.0,
+    max_shift: float = np.inf,
+) -> str:
+    """Why a registration of the active view to the inactive one is not believed, in words; empty if it is.
+
+    Args:
+        health: of the registration.
+        seen: how the views overlap, rendered where the registration puts the camera.
+        shift: RMS distance [m] by which a second registration moved the points, at most `max_shift`.
+    """
+    mean_square, cofactor = health.rms_icp**2, float(np.max(health.cofactor))
+    reasons = [
+        (not health.tracked, health.reason),
+        (health.inliers < config.min_inliers, f"only {health.inliers:.0f} pixels match"),
+        (mean_square > config.max_mean_square, f"mean squared distance {mean_square:.1e} m^2"),
+        (cofactor > config.max_covariance, f"covariance {cofactor:.1e}"),
+        (health.rms_rgb > config.max_rms_rgb, f"intensities differ by {health.rms_rgb:.2f}"),
+        (shift > max_shift, f"a second registration moved on by {shift * 1e3:.1f} mm"),
+        (
+            seen is not None and seen.same < config.min_agreement,
+            f"only {seen.same if seen else 0:.0%} of the surface agree",
+        ),
+    ]
+    return next((text for bad, text in reasons if bad), "")
+
+
+def explained_rms(
+    tracker: Tracker, level: int, active: ModelView, inactive: ModelView, seen: Overlap
+) -> tuple[float, float]:
+    """How much of the distance between two views from one pose a rigid motion would take away.
+
+    One Gauss-Newton step xi says it: RMS of n . (t + omega x p) = sqrt(b^T A^-1 b / n). Noise, which no
+    motion explains, leaves it at zero, and so do directions that a strip of the image cannot see.
+
+    Returns:
+        That RMS [m], and the share of the pixels seen in both views that are associated.
+    """
+    source, model = active.surface[level], inactive.levels[level]
+    (A, b, _, count), _ = tracker.normal_equations(level, source, model, np.eye(4))
+    if count == 0:
+        return float(np.inf), 0.0
+    step = np.linalg.lstsq(A, b, rcond=1e-4)[0]
+    stride = tracker.config.stride[level]
+    pixels = seen.both * source[0].shape[0] * source[0].shape[1] / stride**2
+    return float(np.sqrt(max(b @ step, 0.0) / count)), count / max(pixels, 1.0)

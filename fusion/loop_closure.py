@@ -1,0 +1,290 @@
+"""Loop closure: the part of the map that is in use now is fitted to the part that was mapped long ago.
+
+Local: the active model's view is registered to the inactive model's view from the same pose (Whelan et al.
+2015, section 5). Global: a keyframe that looks like the view says where the camera may be. Either way the
+inactive view from the pose found is rendered, the active view must register to it once more, and then the
+deformation graph moves the active part onto the inactive one (Eq. 4); what agreed becomes active again.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import warp as wp
+
+from dsmap.frame import Intrinsics, orthonormal
+from dsmap.fusion.config import MapConfig
+from dsmap.fusion.deformation_graph import Constraints, DeformationGraph
+from dsmap.fusion.ferns import FernDatabase, small_size, small_view
+from dsmap.fusion.lie import inverse
+from dsmap.fusion.loop_checks import Overlap, explained_rms, objection, overlap
+from dsmap.fusion.loop_constraints import ClosedLoops, constraints
+from dsmap.fusion.relocalise import Relocaliser
+from dsmap.fusion.tracker import Health, ModelView, Tracker
+from dsmap.fusion.trajectory import TrajectoryPoint, poses_of, way
+from dsmap.fusion.views import Views
+from dsmap.kernels.deform import INFLUENCES
+from dsmap.kernels.reactivate import reactivate
+from dsmap.kernels.types import FrameMaps, ModelMaps
+
+_VGA_PIXELS = 640 * 480
+"""Published pixel counts are those of this image size."""
+_MIN_STRIP = 0.004
+"""Share of the image from which an inactive surface that comes into view is looked at."""
+_LEAST_DRIFT = 0.05
+"""Drift [m] that is likely after no way at all."""
+_NEVER = -(10**9)
+_TIGHT = 3.0
+"""The registration that confirms another may move the camera by this many `negligible` distances."""
+
+
+@dataclass
+class LoopRecord:
+    """One closed loop."""
+
+    kind: str
+    """local or global."""
+    frame: int
+    frame_destination: int
+    """The frame that saw the inactive surface last."""
+    T_destination_frame: np.ndarray
+    """Takes points of the camera of `frame` into that of `frame_destination`, as estimated, shape (4, 4)."""
+    shift_m: float
+    """RMS distance by which the loop moves the points in view."""
+    residual_m2: float
+    """Mean squared point-to-plane distance of the registration."""
+    inliers: int
+    """Matched pixels, as if the image had 640x480."""
+    similarity: float
+    """Of the keyframe; 1 for local loops."""
+    nodes: int
+    """Of the deformation graph."""
+
+
+@dataclass
+class Moment:
+    """All that a loop closure looks at: the map's state after a frame was fused and the view predicted."""
+
+    frame: Sequence[FrameMaps]
+    view: ModelView
+    """The active model from the camera's pose, every level."""
+    maps: ModelMaps
+    """The same, finest level, with surfel indices."""
+    time: int
+    t_active: int
+    """Surfels updated since are active."""
+    trajectory: list[TrajectoryPoint]
+    """All frames up to now; a loop moves them with the map."""
+
+    @property
+    def T_world_camera(self) -> np.ndarray:
+        return self.view.T_world_camera
+
+
+class LoopCloser:
+    """Closes loops; owns the keyframes. Everything it remembers is `ferns`, `records`, `closed` and `verified`.
+
+    Args:
+        config: every parameter.
+        intrinsics: of the frames.
+        views: of the map.
+    """
+
+    def __init__(self, config: MapConfig, intrinsics: Intrinsics, views: Views):
+        self.config, self.loops, self.views = config, config.loops, views
+        cameras = views.cameras
+        narrow = [level for level, c in enumerate(cameras) if c.width <= self.loops.view_width]
+        self.level = min(narrow, default=len(cameras) - 1)
+        self.camera = cameras[self.level]
+        iterations = (self.loops.iterations,) * len(cameras)
+        # The gates here are the loops' own, not those of tracking.
+        self._tracker = Tracker(replace(config.track, iterations=iterations, min_inlier_fraction=0.0), cameras)
+        self._inactive, self._active = views.empty(self.level), views.empty(self.level)
+        size = small_size(intrinsics, config.ferns.width)
+        self.ferns = FernDatabase(config.ferns, size, (config.depth_min, config.depth_max), config.ferns.seed)
+        self._relocaliser = Relocaliser(config.relocalise, config.track, cameras, intrinsics, size)
+        self.records: list[LoopRecord] = []
+        self.closed = ClosedLoops()
+        self.verified = _NEVER
+        """Last frame in which the active and the inactive view were found to agree."""
+        self.rejected = ""
+        """Why the last attempt was given up, in words."""
+
+    def close(self, now: Moment) -> bool:
+        """Close a loop where there is one.
+
+        Returns:
+            Whether the map has changed: surfels became active, or were moved, and the trajectory with them.
+        """
+        self.rejected = ""
+        changed = self._local(now)
+        if self.loops.mode in ("on", "global"):
+            changed = self._global(now, try_it=not changed) or changed
+        return changed
+
+    def relocalise(self, frame: Sequence[FrameMaps], time: int) -> np.ndarray | None:
+        """T_world_camera of a frame that tracking lost, found by keyframes in the whole map, or None."""
+        small = small_view(frame[0].colour.numpy(), frame[0].vertex.numpy()[..., 2], self.ferns.size)
+        candidates = self.ferns.candidates(self.ferns.encode(small), time, min_age=0)
+        found = self._relocaliser.relocalise(frame, small, candidates, self._whole)
+        return None if found is None else found.T_world_camera
+
+    def wake(self, frame: Sequence[FrameMaps], T_world_camera: np.ndarray, time: int, t_active: int) -> None:
+        """Make the map that a relocalised frame sees active again."""
+        self._render_inactive(T_world_camera, t_active)
+        self._reactivate(T_world_camera, frame[self.level].vertex, time, t_active)
+
+    def _local(self, now: Moment) -> bool:
+        self._render_inactive(now.T_world_camera, now.t_active)
+        seen = overlap(now.view.levels[self.level][0], self._inactive.vertex)
+        if seen.inactive < _MIN_STRIP:
+            return False
+        inactive = self.views.pyramid(now.T_world_camera, self._inactive, self.level)
+        if now.time - self.verified <= self.loops.trust and self._agrees(now, inactive, seen):
+            return self._wake_view(now)
+        if seen.both * _VGA_PIXELS < self.loops.min_inliers:
+            return False
+        T_inactive_active, health = self._register(now, inactive)
+        self.rejected = objection(health, self.loops)
+        return not self.rejected and self._try(
+            "local", now, orthonormal(now.T_world_camera @ T_inactive_active)
+        )
+
+    def _global(self, now: Moment, try_it: bool) -> bool:
+        small = small_view(now.maps.colour.numpy(), now.maps.vertex.numpy()[..., 2], self.ferns.size)
+        code = self.ferns.encode(small)
+        self.ferns.add_if_novel(code, small, now.T_world_camera, now.time)
+        attached = now.time - self.verified <= self.loops.trust
+        if not try_it or attached or now.time % self.loops.global_every:
+            return False
+        candidates = self.ferns.candidates(code, now.time)
+        if not candidates:
+            return False
+
+        def inactive_at(T_world_camera: np.ndarray) -> ModelView:
+            return self._whole(T_world_camera, t_max=now.t_active - 1)
+
+        found = self._relocaliser.relocalise(now.frame, small, candidates, inactive_at)
+        if found is None:
+            self.rejected = "; ".join(self._relocaliser.rejected)
+            return False
+        return self._try("global", now, found.T_world_camera, found.similarity)
+
+    def _try(self, kind: str, now: Moment, T_found: np.ndarray, similarity: float = 1.0) -> bool:
+        """Close the loop that puts the camera at T_found, if every check says yes."""
+        # Once more, from where the first registration puts the camera: a true match stays where it is.
+        self._render_inactive(T_found, now.t_active)
+        inactive = self.views.pyramid(T_found, self._inactive, self.level)
+        T_inactive_active, health = self._register(now, inactive)
+        points = now.view.levels[self.level][0].numpy()
+        again = _rms_shift(points, T_inactive_active)
+        seen = overlap(now.view.levels[self.level][0], self._inactive.vertex)
+        self.rejected = objection(health, self.loops, seen, again, _TIGHT * self.loops.negligible)
+        if self.rejected:
+            return False
+        T_found = orthonormal(T_found @ T_inactive_active)
+        shift = _rms_shift(points, inverse(now.T_world_camera) @ T_found)
+        if shift < self.loops.negligible:
+            self._render_inactive(now.T_world_camera, now.t_active)
+            return self._wake_view(now)
+        if self.loops.mode == "global" and kind == "local":
+            return False
+        return self._deform(kind, now, T_found, shift, health, similarity)
+
+    def _deform(
+        self, kind: str, now: Moment, T_found: np.ndarray, shift: float, health: Health, similarity: float
+    ) -> bool:
+        self._render_inactive(T_found, now.t_active)
+        found = constraints(
+            now.maps, self._inactive, self.camera, self.views.surfels, now.T_world_camera, T_found,
+            self.loops.constraint_grid,
+        )  # fmt: skip
+        if found is None:
+            self.rejected = "too few constraints"
+            return False
+        pairs, frame_destination = found
+        poses = poses_of(now.trajectory)
+        limit = self.loops.max_drift * way(poses[frame_destination:]) + _LEAST_DRIFT
+        if shift > limit:
+            self.rejected = f"{shift * 100:.1f} cm of drift where at most {limit * 100:.1f} cm are likely"
+            return False
+        graph = self._bent_graph(pairs)
+        if graph is None:
+            return False
+        T_destination_frame = inverse(poses[frame_destination]) @ T_found
+        self._bend(graph, now, poses, T_found)
+        self.closed.add(pairs)
+        self.records.append(
+            LoopRecord(
+                kind, now.time, frame_destination, T_destination_frame, shift, health.rms_icp**2,
+                round(health.inliers), similarity, len(graph),
+            )
+        )  # fmt: skip
+        self.views.render(T_found, self._active, level=self.level, t_min=now.t_active)
+        self._render_inactive(T_found, now.t_active)
+        self._reactivate(T_found, self._active.vertex, now.time, now.t_active)
+        return True
+
+    def _bent_graph(self, pairs: Constraints) -> DeformationGraph | None:
+        """A graph that brings the pairs together and keeps closed what was closed before; None if it would tear."""
+        surfels, config = self.views.surfels, self.config
+        if np.count_nonzero(surfels.numpy()["weight"] > 0) <= INFLUENCES:
+            return None
+        scale = self.views.cameras[0].width * self.views.cameras[0].height / _VGA_PIXELS
+        sized = replace(config.graph, spacing=max(int(config.graph.spacing * scale), 1))
+        graph = DeformationGraph.build(surfels, sized, config.surfels.stable_weight)
+        fit = graph.optimise(Constraints.joined([pairs, self.closed.constraints()]))
+        self.rejected = fit.reason
+        return graph if fit.accepted else None
+
+    def _bend(self, graph: DeformationGraph, now: Moment, poses: np.ndarray, T_found: np.ndarray) -> None:
+        """Move all that lies in the world: surfels, trajectory, keyframes, earlier constraints, the camera."""
+        graph.apply_to_surfels(self.views.surfels)
+        self.views.blocks.forget()
+        self.closed.move(graph)
+        self.ferns.poses = graph.apply_to_poses(self.ferns.poses, self.ferns.times)
+        moved = graph.apply_to_poses(poses, np.arange(len(poses)))
+        moved[-1] = T_found
+        for point, T_world_camera in zip(now.trajectory, moved, strict=True):
+            point.T_world_camera = T_world_camera
+
+    def _agrees(self, now: Moment, inactive: ModelView, seen: Overlap) -> bool:
+        """Whether what comes into view needs no registration: it lies where the active view says."""
+        rms, share = explained_rms(self._tracker, self.level, now.view, inactive, seen)
+        return rms < self.loops.negligible and share > self.loops.min_agreement
+
+    def _wake_view(self, now: Moment) -> bool:
+        active = now.view.levels[self.level][0]
+        return self._reactivate(now.T_world_camera, active, now.time, now.t_active) > 0
+
+    def _reactivate(
+        self, T_world_camera: np.ndarray, active_vertex: wp.array, time: int, t_active: int
+    ) -> int:
+        surfels = self.config.surfels
+        self.verified = time
+        return reactivate(
+            self.views.surfels, self.camera, T_world_camera, self._inactive.vertex, active_vertex, time=time,
+            t_min=t_active, distance=surfels.max_ray_distance, distance_z2=surfels.ray_distance_z2,
+            visible=self.views.visible(T_world_camera),
+        )  # fmt: skip
+
+    def _register(self, now: Moment, inactive: ModelView) -> tuple[np.ndarray, Health]:
+        return self._tracker.register(now.view.surface, inactive, np.eye(4))
+
+    def _render_inactive(self, T_world_camera: np.ndarray, t_active: int) -> None:
+        self.views.render(T_world_camera, self._inactive, level=self.level, t_max=t_active - 1)
+
+    def _whole(self, T_world_camera: np.ndarray, **window: int) -> ModelView:
+        maps = self.views.empty()
+        self.views.render(T_world_camera, maps, **window)
+        return self.views.pyramid(T_world_camera, maps)
+
+
+def _rms_shift(vertex: np.ndarray, T: np.ndarray) -> float:
+    """RMS distance [m] by which T moves the points of a vertex map, shape (H, W, 3)."""
+    points = vertex[::4, ::4].reshape(-1, 3)
+    points = points[points[:, 2] > 0].astype(np.float64)
+    if len(points) == 0:
+        return 0.0
+    moved = points @ T[:3, :3].T + T[:3, 3] - points
+    return float(np.sqrt((moved**2).sum(axis=1).mean()))
