@@ -7,11 +7,11 @@ import mujoco
 import numpy as np
 
 from dsmap.frame import Intrinsics
-from dsmap.sim_scenes.scene import Scene
+from dsmap.sim_scenes.scene import MAX_LIGHTS, Light, Scene
 from dsmap.sim_scenes.shapes import Shape
 
-MAX_LIGHTS = 10
-"""Every model has this many lights (the unused ones unlit): the ray tracer is compiled for their number."""
+SPOT_EXPONENT = 4.0
+"""Spot lights fade towards their rim as the cosine to this power."""
 NEAR, FAR = 0.02, 50.0
 """Clipping distances [m]."""
 
@@ -92,20 +92,40 @@ def _add_mesh(spec: mujoco.MjSpec, name: str, shape: Shape, tile: float) -> None
 
 
 def _add_lights(spec: mujoco.MjSpec, scene: Scene) -> None:
-    dark = np.zeros(3)
+    """The scene's lights, made up to `MAX_LIGHTS` by dark ones, and one more.
+
+    That last one is a dark spot light with falloff: the ray tracer leaves code out where no light is of that
+    kind, and would be compiled anew for scenes without.
+    """
+    kinds = mujoco.mjtLightType
     for k in range(MAX_LIGHTS):
-        light = scene.lights[k] if k < len(scene.lights) else None
-        directional = light is not None and light.direction is not None
+        light = scene.lights[k] if k < len(scene.lights) else DARK
+        kind = kinds.mjLIGHT_POINT
+        if light.direction is not None:
+            kind = kinds.mjLIGHT_DIRECTIONAL if light.cutoff is None else kinds.mjLIGHT_SPOT
         spec.worldbody.add_light(
             name=f"light{k}",
-            type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
-            if directional
-            else mujoco.mjtLightType.mjLIGHT_POINT,
-            pos=dark if light is None else light.position,
-            dir=light.direction if light is not None and light.direction is not None else (0, 0, -1),
-            diffuse=dark if light is None else light.diffuse,
-            specular=dark if light is None else light.specular,
-            ambient=scene.ambient if k == 0 else dark,
-            active=light is not None or k == 0,
-            castshadow=light is not None and light.shadow,
+            type=kind,
+            pos=light.position,
+            dir=(0, 0, -1) if light.direction is None else light.direction,
+            diffuse=light.diffuse,
+            specular=light.specular,
+            ambient=scene.ambient if k == 0 else np.zeros(3),
+            active=light is not DARK or k == 0,
+            castshadow=light.shadow,
+            attenuation=(1, 0, 0 if light.reach is None else 1 / light.reach**2),
+            cutoff=45 if light.cutoff is None else light.cutoff,
+            exponent=0 if light.cutoff is None else SPOT_EXPONENT,
         )
+    spec.worldbody.add_light(
+        name="dark",
+        type=kinds.mjLIGHT_SPOT,
+        diffuse=np.zeros(3),
+        specular=np.zeros(3),
+        attenuation=(1, 0, 1),
+        active=0,
+    )
+
+
+DARK = Light(np.zeros(3), np.zeros(3), np.zeros(3), shadow=False)
+"""In place of a light that a scene does not have."""

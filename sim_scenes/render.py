@@ -11,15 +11,20 @@ import threading
 from dataclasses import dataclass
 from typing import Protocol
 
+import cv2
 import numpy as np
 
 from dsmap.errors import InputError
 from dsmap.frame import Intrinsics
-from dsmap.sim_scenes.scene import Scene
+from dsmap.sim_scenes.scene import LEAK, Scene
 
 RENDERERS = ("warp", "mujoco", "pyrender")
 _ONE_AT_A_TIME = threading.Lock()
 """Warp builds a kernel in Python when it is first launched: two threads at it mix up each other's code."""
+
+
+_SMOOTH = ((0.0, 0.0), (0.0, -0.4), (0.35, 0.2), (-0.35, 0.2))
+"""Where in the pixel the rays of a smooth image go [px from its centre]: their mean is the centre."""
 
 
 @dataclass(frozen=True)
@@ -58,25 +63,45 @@ def default_camera(width: int, height: int) -> Intrinsics:
     return Intrinsics(width, height, focal, focal, (width - 1) / 2, (height - 1) / 2)
 
 
-def open_renderer(name: str, scene: Scene, camera: Intrinsics) -> Renderer:
+def open_renderer(
+    name: str, scene: Scene, camera: Intrinsics, *, shadows: bool = True, smooth: bool = False
+) -> Renderer:
     """A renderer by name (`RENDERERS`).
+
+    Args:
+        name: `warp`, `mujoco` or `pyrender`.
+        scene: what to render.
+        camera: any pinhole camera; `warp` renders lens distortions too.
+        shadows: of the lights; the ray tracer needs about half the time without them.
+        smooth: colour as the mean of four rays a pixel, about four times the cost (`warp`; the others
+            always smooth a little). Depth and labels are those of the pixel's centre in any case.
 
     Raises:
         InputError: unknown name, or its system library is missing (says which package brings it).
     """
     if name == "warp":
-        return WarpRenderer(scene, camera)
+        return WarpRenderer(scene, camera, shadows, smooth)
     if name in RENDERERS:
         from dsmap.sim_scenes import render_gl
 
-        return render_gl.open_renderer(name, scene, camera)
+        return render_gl.open_renderer(name, scene, camera, shadows)
     raise InputError(f"unknown renderer {name!r}; expected one of: {', '.join(RENDERERS)}")
 
 
-def pixel_rays(camera: Intrinsics) -> np.ndarray:
-    """Unit vector along the ray of every pixel's centre in the camera's axes, float32, shape (H, W, 3)."""
-    x, y = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
-    rays = np.stack([(x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy, np.ones(x.shape)], -1)
+def pixel_rays(camera: Intrinsics, shift: tuple[float, float] = (0.0, 0.0)) -> np.ndarray:
+    """Unit vector along the ray of every pixel's centre in the camera's axes, float32, shape (H, W, 3).
+
+    `shift` moves the points off the centres [px].
+    A lens distortion is undone point by point: such a picture is exact, not a bent copy of a straight one.
+    """
+    x, y = np.meshgrid(np.arange(camera.width) + shift[0], np.arange(camera.height) + shift[1])
+    if camera.distortion is None:
+        rays = np.stack([(x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy, np.ones(x.shape)], -1)
+    else:
+        criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 50, 1e-9)
+        seen = np.stack([x, y], -1).reshape(-1, 1, 2)
+        straight = cv2.undistortPoints(seen, camera.K, np.array(camera.distortion), criteria=criteria)
+        rays = np.concatenate([straight.reshape(*x.shape, 2), np.ones((*x.shape, 1))], -1)
     return (rays / np.linalg.norm(rays, axis=-1, keepdims=True)).astype(np.float32)
 
 
@@ -91,7 +116,7 @@ def part_tables(scene: Scene) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 class WarpRenderer:
     """mujoco-warp's ray tracer on the CPU. Its kernel depends on the number of lights only, not on the scene."""
 
-    def __init__(self, scene: Scene, camera: Intrinsics) -> None:
+    def __init__(self, scene: Scene, camera: Intrinsics, shadows: bool = True, smooth: bool = False) -> None:
         import warp as wp
 
         # As dsmap.kernels sets them: a kernel compiled under one setting is not found under another.
@@ -116,13 +141,17 @@ class WarpRenderer:
                 render_rgb=True,
                 render_depth=True,
                 render_seg=True,
-                use_shadows=True,
+                use_shadows=shadows,
+                samples_per_pixel=2 if smooth else 1,
                 use_fast_math=False,
                 deterministic=True,
-                shadow_light_fraction=0.12,
+                shadow_light_fraction=LEAK,
             )
             # The camera model of mujoco-warp knows only centred images: each pixel gets its ray from us.
-            self._context.ray.assign(pixel_rays(camera).reshape(-1, 3) * [1, -1, -1])
+            # With several rays a pixel, depth and labels come of the first.
+            shifts = _SMOOTH if smooth else ((0.0, 0.0),)
+            rays = np.concatenate([pixel_rays(camera, shift).reshape(-1, 3) for shift in shifts])
+            self._context.ray.assign(rays * [1, -1, -1])
             self._rest = (self._data.geom_xpos.numpy().copy(), self._data.geom_xmat.numpy().copy())
             self._scene = scene
             mujoco_warp.refit_bvh(self._model, self._data, self._context)

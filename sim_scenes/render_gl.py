@@ -9,6 +9,7 @@ outlines; shading differs, and they cast no shadows. Contexts belong to the thre
 
 import numpy as np
 
+from dsmap.errors import InputError
 from dsmap.frame import Intrinsics
 from dsmap.sim_scenes import gl
 from dsmap.sim_scenes.mjcf import FAR, build_model
@@ -22,16 +23,20 @@ PYRENDER_NEAR = 0.2
 """Near plane [m]: its 16-bit depth buffer resolves z^2 / (65536 near), 0.7 mm at 3 m."""
 
 
-def open_renderer(name: str, scene: Scene, camera: Intrinsics) -> Renderer:
-    """`mujoco` or `pyrender`.
+def open_renderer(name: str, scene: Scene, camera: Intrinsics, shadows: bool = True) -> Renderer:
+    """`mujoco` or `pyrender`; see `render.open_renderer`.
 
     Raises:
-        InputError: no OpenGL context can be had; the message says which packages bring one.
+        InputError: the camera has a lens distortion, or there is no OpenGL (says which packages bring it).
     """
+    if camera.distortion is not None:
+        raise InputError(
+            f"--renderer {name} draws straight lines only; expected warp for a camera with distortion"
+        )
     gl.use_egl()
     make = MujocoRenderer if name == "mujoco" else PyrenderRenderer
     try:
-        return make(scene, camera)
+        return make(scene, camera, shadows)
     except (ImportError, RuntimeError, AttributeError, OSError) as error:
         raise gl.no_context(error) from error
 
@@ -39,7 +44,7 @@ def open_renderer(name: str, scene: Scene, camera: Intrinsics) -> Renderer:
 class MujocoRenderer:
     """MuJoCo's OpenGL renderer: colour (anti-aliased), depth and geom ids in three passes."""
 
-    def __init__(self, scene: Scene, camera: Intrinsics) -> None:
+    def __init__(self, scene: Scene, camera: Intrinsics, shadows: bool) -> None:
         import mujoco
 
         # MuJoCo chose its context class when it was first imported, perhaps before EGL was asked for.
@@ -84,7 +89,6 @@ class MujocoRenderer:
                 # MuJoCo 4.0 draws point lights black; OpenGL takes a spot of 180 degrees for one. A shadow
                 # map cannot cover that angle.
                 light.type, light.cutoff, light.castshadow = self._spot, 180.0, False
-                light.attenuation = (1.0, 0.0, 0.0)
         rgb = renderer.render().copy()
         renderer.enable_depth_rendering()
         depth = renderer.render().astype(np.float32)
@@ -101,7 +105,7 @@ class MujocoRenderer:
 class PyrenderRenderer:
     """pyrender: physically based shading; colour in one pass, depth and part ids in a second."""
 
-    def __init__(self, scene: Scene, camera: Intrinsics) -> None:
+    def __init__(self, scene: Scene, camera: Intrinsics, shadows: bool) -> None:
         import pyrender
         import trimesh
 
@@ -137,7 +141,7 @@ class PyrenderRenderer:
         return self._pyrender.MetallicRoughnessMaterial(
             baseColorTexture=texture,
             baseColorFactor=(1.0, 1.0, 1.0, 1.0),
-            metallicFactor=0.0,
+            metallicFactor=0.8 * look.metallic,
             roughnessFactor=float(np.clip(1.0 - 0.8 * look.shininess, 0.3, 1.0)),
             emissiveFactor=np.full(3, look.emission),
             emissiveTexture=texture if look.emission > 0 else None,

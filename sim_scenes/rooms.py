@@ -66,7 +66,7 @@ def build_scene(name: str, seed: int) -> Scene:
     layouts = [Layout(scene, rng, k) for k in range(len(plan.rooms))]
     views = [_finish(rng, looks, layout, plan) for layout in layouts]
     scene.targets.insert(0, views[0])
-    lighting.light(rng, looks, layouts, plan.windows(layouts))
+    lighting.light(rng, looks, layouts)
     return scene
 
 

@@ -27,15 +27,28 @@ class Material:
     """0..1; only physically based renderers tell metals from others."""
 
 
+MAX_LIGHTS = 10
+"""Most lights of a scene: the ray tracer is compiled for their number."""
+LEAK = 0.12
+"""Share of a light that comes through to where it is shadowed: what walls scatter."""
+
+
 @dataclass(frozen=True)
 class Light:
-    """A point light, or a directional fill light where `direction` is given. Colours are 0..1."""
+    """A point light, a spot light (`direction` and `cutoff`), or a directional one (`direction` alone).
+
+    Colours are 0..1.
+    """
 
     position: np.ndarray
     diffuse: np.ndarray
     specular: np.ndarray
     direction: np.ndarray | None = None
     shadow: bool = True
+    reach: float | None = None
+    """Distance at which the light has half its power [m], as 1 / (1 + (d / reach)^2); None = no falloff."""
+    cutoff: float | None = None
+    """Half the opening angle of a spot light [deg]."""
 
 
 @dataclass(frozen=True)
