@@ -2,54 +2,11 @@
 
 import numpy as np
 
-from dsmap.sim_scenes import textures_art
+from dsmap.sim_scenes.books import row_of_books
 from dsmap.sim_scenes.looks import Looks
 from dsmap.sim_scenes.scene import Assembly
-from dsmap.sim_scenes.shapes import Shape, box, cylinder, rotation_x
+from dsmap.sim_scenes.shapes import box, cylinder, rotation_x
 from dsmap.sim_scenes.textures import Rng
-
-
-def book(rng: Rng, thickness: float, height: float, depth: float) -> Shape:
-    """An upright book, spine towards -y, its uv on one spine of the atlas `textures_art.spines`."""
-    shape = box((thickness, depth, height))
-    k = rng.integers(textures_art.SPINES)
-    u = (k + 0.08 + 0.84 * (shape.vertices[:, 0] / thickness + 0.5)) / textures_art.SPINES
-    return Shape(shape.vertices, shape.faces, np.stack([u, 0.98 - 0.96 * shape.vertices[:, 2] / height], 1))
-
-
-def row_of_books(rng: Rng, looks: Looks, width: float, height: float) -> Assembly:
-    """Books side by side from -width/2, upright or leaning at the end, filling part of a shelf."""
-    shapes, x, fill = [], -width / 2, width * rng.uniform(0.55, 1.0)
-    while True:
-        thick = rng.uniform(0.018, 0.05)
-        tall = min(height - 0.02, rng.uniform(0.19, 0.29))
-        if x + thick > -width / 2 + fill:
-            break
-        depth = rng.uniform(0.15, 0.2)
-        shapes.append(book(rng, thick, tall, depth).moved((x + thick / 2, rng.uniform(-0.012, 0.012), 0)))
-        x += thick + 0.001
-    row = Assembly("books")
-    for shape in shapes:
-        row.add(shape, looks.spines)
-    return row
-
-
-def stack_of_books(rng: Rng, looks: Looks, count: int) -> Assembly:
-    """A few books lying on each other; the top one shows its cover."""
-    pile, z = Assembly("books"), 0.0
-    for k in range(count):
-        thick, tall, depth = rng.uniform(0.02, 0.045), rng.uniform(0.2, 0.27), rng.uniform(0.14, 0.19)
-        lying = book(rng, thick, tall, depth).turned(np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]]))
-        low, high = lying.bounds()
-        lying = lying.moved((-(low[0] + high[0]) / 2, 0, z - low[2]), 0.0).moved(yaw=rng.uniform(-0.25, 0.25))
-        pile.add(lying, looks.spines)
-        z += thick
-        if k == count - 1:
-            front = looks.printed("cover", textures_art.cover(rng))
-            top = box((tall * 0.98, depth * 0.98, 0.003), (0, 0, z))
-            uv = np.stack([top.vertices[:, 1] / depth + 0.5, top.vertices[:, 0] / tall + 0.5], 1)
-            pile.add(Shape(top.vertices, top.faces, np.clip(uv, 0.01, 0.99)), front)
-    return pile
 
 
 def bookshelf(rng: Rng, looks: Looks) -> Assembly:
@@ -69,8 +26,8 @@ def bookshelf(rng: Rng, looks: Looks) -> Assembly:
         if k == boards:
             continue
         z += thick
-        if rng.random() < 0.78:
-            piece.attach(row_of_books(rng, looks, inner - 0.02, gap - thick), (0, -0.02, z))
+        if rng.random() < 0.85:
+            piece.attach(row_of_books(rng, looks, inner - 0.02, gap - thick, 0.75), (0, -0.02, z))
         else:
             piece.surfaces.append(
                 (-inner / 2 + 0.08, -depth / 2 + 0.04, inner / 2 - 0.08, depth / 2 - 0.06, z)
