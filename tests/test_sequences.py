@@ -13,8 +13,9 @@ from dsmap.frame import Intrinsics
 from dsmap.sequences import SequenceWriter, open_sequence
 from dsmap.sequences.associate import associate, gaps, poses_at
 from dsmap.sequences.calibration import known_default
-from dsmap.sequences.images import register_depth, resize_nearest
+from dsmap.sequences.images import resize_nearest
 from dsmap.sequences.mesh import LabelledMesh, read_mesh, write_mesh
+from dsmap.sequences.registration import register_colour, register_depth
 
 
 def test_what_the_writer_writes_is_read_back(tmp_path):
@@ -39,7 +40,15 @@ def test_seven_scenes(tmp_path):
     assert sequence.intrinsics_source == "known default of 7-Scenes"
     frame = sequence.frame(2)
     assert frame.depth[10, 10] == 0, "65535 is no measurement"
-    np.testing.assert_array_equal(frame.rgb, colour(2))
+    assert sequence.calibration.color_camera is not None and sequence.calibration.T_color_depth is not None
+    looked_up = register_colour(
+        colour(2),
+        frame.depth,
+        sequence.intrinsics,
+        sequence.calibration.color_camera,
+        sequence.calibration.T_color_depth,
+    )
+    np.testing.assert_array_equal(frame.rgb, looked_up)
     np.testing.assert_allclose(frame.T_world_camera, pose(2))
 
 
@@ -174,6 +183,48 @@ def test_depth_of_a_second_camera_is_registered():
     wall[20, 30] = 1.0  # moves 3 px: nearer than what it lands on
     registered = register_depth(wall, camera, shifted)
     assert (registered[:, :2] == 0).all() and registered[20, 33] == 1.0 and registered[5, 5] == 1.5
+
+
+def test_colour_of_a_second_camera_is_registered():
+    """A plane painted with a smooth function of its own coordinates, seen by two cameras."""
+    depth_camera = Intrinsics(64, 48, 60.0, 60.0, 31.5, 23.5)
+    color_camera = Intrinsics(96, 80, 70.0, 72.0, 47.0, 40.0)
+    T = np.eye(4)
+    T[:3, :3] = cv2.Rodrigues(np.array([0.02, -0.03, 0.05]))[0]
+    T[:3, 3] = (-0.05, 0.02, 0.01)
+
+    def paint(x, y):
+        return np.stack(
+            [128 + 90 * np.sin(2 * x), 128 + 90 * np.cos(3 * y), 128 + 60 * np.sin(x + 2 * y)], -1
+        )
+
+    # The plane z = 1.5 of the depth camera, met by every ray of the colour camera.
+    v, u = np.mgrid[: color_camera.height, : color_camera.width]
+    rays = np.stack([(u - 47.0) / 70.0, (v - 40.0) / 72.0, np.ones(u.shape)], -1)
+    T_depth_color = np.linalg.inv(T)
+    directions = rays @ T_depth_color[:3, :3].T
+    hit = T_depth_color[:3, 3] + directions * ((1.5 - T_depth_color[2, 3]) / directions[..., 2])[..., None]
+    rgb = np.rint(paint(hit[..., 0], hit[..., 1])).astype(np.uint8)
+
+    depth = np.full((48, 64), 1.5, dtype=np.float32)
+    depth[10:14, 20:26] = 0  # a hole borrows its neighbours' depth
+    v, u = np.mgrid[:48, :64]
+    expected = paint((u - 31.5) / 60.0 * 1.5, (v - 23.5) / 60.0 * 1.5)
+    found = register_colour(rgb, depth, depth_camera, color_camera, T)
+    np.testing.assert_allclose(found, expected, atol=2.5)
+    assert np.abs(cv2.resize(rgb, (64, 48)).astype(float) - expected).max() > 20, "the test would not notice"
+
+
+def test_a_color_camera_is_written_and_read_back(tmp_path):
+    from dsmap.sequences.calibration import Calibration, read_calibration, write_calibration
+
+    T = np.eye(4)
+    T[0, 3] = -0.025
+    color = Intrinsics(96, 80, 70.0, 72.0, 47.0, 40.0)
+    write_calibration(tmp_path, Calibration(CAMERA, 1000.0, "", T_color_depth=T, color_camera=color))
+    found = read_calibration(tmp_path)
+    assert found is not None and found.color_camera == color
+    np.testing.assert_array_equal(found.T_color_depth, T)
 
 
 def test_iterating_stops_its_thread_when_the_consumer_leaves(tmp_path):

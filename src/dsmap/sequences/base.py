@@ -17,10 +17,10 @@ from dsmap.sequences.images import (
     read_colour,
     read_depth,
     read_ids,
-    register_depth,
     resize_colour,
     resize_nearest,
 )
+from dsmap.sequences.registration import register_colour, register_depth
 
 _PREFETCH = 4
 """Frames decoded ahead of the consumer."""
@@ -133,12 +133,13 @@ class Sequence:
         Raises:
             InputError: an image is missing, damaged, of the wrong size, or the depth is all zero.
         """
-        entry = self.entries[i]
+        entry, size = self.entries[i], (self.intrinsics.width, self.intrinsics.height)
+        depth = self._depth(entry)
         return Frame(
             index=entry.index,
             time=entry.time,
-            rgb=resize_colour(self._colour(entry), self.intrinsics.width, self.intrinsics.height),
-            depth=self.depth(i),
+            rgb=resize_colour(self._colour(entry, depth), *size),
+            depth=resize_nearest(depth, *size),
             T_world_camera=entry.T_world_camera,
             label=self._ids(entry.label, np.uint8),
             instance=self._ids(entry.instance, np.uint16),
@@ -191,8 +192,12 @@ class Sequence:
             ready.put(error)
         ready.put(None)
 
-    def _colour(self, entry: Entry) -> np.ndarray:
-        rgb = read_colour(entry.rgb)
+    def _colour(self, entry: Entry, depth: np.ndarray) -> np.ndarray:
+        rgb, calibration = read_colour(entry.rgb), self.calibration
+        if (own := calibration.color_camera) is not None:
+            check_size(entry.rgb, rgb, own.width, own.height)
+            T = np.eye(4) if calibration.T_color_depth is None else calibration.T_color_depth
+            return register_colour(rgb, depth, calibration.intrinsics, own, T)
         self._check_size(entry.rgb, rgb)
         return self._undistorter.colour(rgb) if self._undistorter else rgb
 
@@ -201,7 +206,7 @@ class Sequence:
         self._check_size(entry.depth, depth)
         if not depth.any():
             raise InputError(f"{entry.depth}: found no valid depth in the whole image, expected some")
-        if self.calibration.T_color_depth is not None:
+        if self.calibration.T_color_depth is not None and self.calibration.color_camera is None:
             depth = register_depth(depth, self.calibration.intrinsics, self.calibration.T_color_depth)
         return self._undistorter.nearest(depth) if self._undistorter else depth
 

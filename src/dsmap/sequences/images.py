@@ -95,26 +95,6 @@ def _source_pixels(size: int, source_size: int) -> np.ndarray:
     return np.clip(np.floor(centres + 0.5).astype(np.int64), 0, source_size - 1)
 
 
-def register_depth(depth: np.ndarray, intrinsics: Intrinsics, T_color_depth: np.ndarray) -> np.ndarray:
-    """Depth seen from the depth camera as the colour camera (same intrinsics) would see it, nearest wins.
-
-    Args:
-        depth: planar depth of the depth camera [m], float32, shape (H, W).
-        T_color_depth: takes points of the depth camera into the colour camera, shape (4, 4).
-    """
-    y, x = np.nonzero(depth)
-    z = depth[y, x].astype(np.float64)
-    points = np.stack([(x - intrinsics.cx) / intrinsics.fx * z, (y - intrinsics.cy) / intrinsics.fy * z, z])
-    points = T_color_depth[:3, :3] @ points + T_color_depth[:3, 3:4]
-    points = points[:, points[2] > 0]
-    columns = np.floor(intrinsics.fx * points[0] / points[2] + intrinsics.cx + 0.5).astype(np.int64)
-    rows = np.floor(intrinsics.fy * points[1] / points[2] + intrinsics.cy + 0.5).astype(np.int64)
-    inside = (columns >= 0) & (columns < depth.shape[1]) & (rows >= 0) & (rows < depth.shape[0])
-    registered = np.full(depth.shape, np.inf, dtype=np.float32)
-    np.minimum.at(registered, (rows[inside], columns[inside]), points[2, inside].astype(np.float32))
-    return clean_depth(registered)
-
-
 class Undistorter:
     """Remaps images of a distorted camera to the pinhole camera of the same matrix K."""
 

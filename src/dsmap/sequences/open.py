@@ -101,10 +101,10 @@ def _image_size(recording: Recording, stored: Calibration | None) -> tuple[int, 
         raise InputError(f"{looked_at[0]}: neither this nor the middle and last colour image can be decoded")
     if stored is None:
         return max(sizes, key=sizes.count)
-    expected = (stored.intrinsics.width, stored.intrinsics.height)
-    if expected not in sizes:
+    camera = stored.color_camera or stored.intrinsics
+    if (camera.width, camera.height) not in sizes:
         raise InputError(
-            f"{recording.path / FILE}: found width and height {expected[0]}x{expected[1]}, "
+            f"{recording.path / FILE}: found width and height {camera.width}x{camera.height}, "
             f"expected {sizes[0][0]}x{sizes[0][1]} as the images have"
         )
-    return expected
+    return stored.intrinsics.width, stored.intrinsics.height
