@@ -3,10 +3,10 @@
 import numpy as np
 
 from dsmap.sim_scenes import textures_art, textures_screens
+from dsmap.sim_scenes.books import stack_of_books
 from dsmap.sim_scenes.looks import Looks
 from dsmap.sim_scenes.scene import Assembly, Material
 from dsmap.sim_scenes.shapes import Shape, box, cushion, cylinder, lathe, panel, rotation_x, rotation_z
-from dsmap.sim_scenes.storage import stack_of_books
 from dsmap.sim_scenes.textures import Rng
 
 
