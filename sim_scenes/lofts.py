@@ -108,7 +108,8 @@ def tube(path: Vector, radius: float | Sequence[float], sides: int = 10) -> Shap
         side /= np.linalg.norm(side)
         other = np.cross(direction, side)
         rings.append(point + r * (np.cos(angle) * side + np.sin(angle) * other))
-    return loft(rings, sharp=0.5)
+    skin = loft(rings, sharp=0.5)
+    return Shape(skin.vertices, skin.faces, skin.uv[:, ::-1])
 
 
 def bow(start: Vector, middle: Vector, end: Vector, steps: int = 9) -> np.ndarray:

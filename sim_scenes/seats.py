@@ -140,8 +140,8 @@ def folding_chair(rng: Rng, looks: Looks) -> Assembly:
     width, sit, back = rng.uniform(0.4, 0.45), 0.45, rng.uniform(0.78, 0.86)
     for side in (-1, 1):
         x = side * width / 2
-        piece.add(tube([(x, -0.22, 0), (x, 0.0, sit), (x, 0.2, back)], 0.012), frame)
-        piece.add(tube([(x * 0.9, 0.24, 0), (x * 0.9, -0.17, sit - 0.02)], 0.012), frame)
+        piece.add(tube([(x, -0.22, 0.008), (x, 0.0, sit), (x, 0.2, back)], 0.012), frame)
+        piece.add(tube([(x * 0.9, 0.24, 0.008), (x * 0.9, -0.17, sit - 0.02)], 0.012), frame)
     for y, z in ((-0.19, 0.06), (0.21, 0.06)):
         piece.add(tube([(-width / 2 * 0.95, y, z), (width / 2 * 0.95, y, z)], 0.009), frame)
     if rng.random() < 0.5:

@@ -78,7 +78,10 @@ def polygons(faces: Sequence[np.ndarray]) -> Shape:
 
 
 def box(size: Vector, at: Vector = (0, 0, 0), bevel: float = 0.0) -> Shape:
-    """A box of full `size` whose BOTTOM centre is `at`, its edges chamfered by `bevel`."""
+    """A box of full `size` whose BOTTOM centre is `at`, its edges chamfered by `bevel`.
+
+    On posts and tall boards u runs upwards, so that wood's grain follows their length.
+    """
     half = np.asarray(size, float) / 2
     centre = np.asarray(at, float) + [0, 0, half[2]]
     bevel = min(bevel, 0.45 * 2 * float(half.min()))
@@ -93,7 +96,9 @@ def box(size: Vector, at: Vector = (0, 0, 0), bevel: float = 0.0) -> Shape:
             faces.append(corner if side > 0 else corner[::-1])
     if bevel > 0:
         faces += _chamfers(half, bevel)
-    return polygons([face + centre for face in faces])
+    shape = polygons([face + centre for face in faces])
+    post = half[2] > 3 * max(half[0], half[1])
+    return Shape(shape.vertices, shape.faces, shape.uv[:, ::-1] * [-1, 1]) if post else shape
 
 
 def _chamfers(half: np.ndarray, bevel: float) -> list[np.ndarray]:

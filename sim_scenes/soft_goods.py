@@ -72,10 +72,10 @@ def garment_heap(rng: Rng, looks: Looks) -> Assembly:
     """Clothes dropped in a heap."""
     piece = Assembly("objects")
     size = np.array([rng.uniform(0.3, 0.5), rng.uniform(0.25, 0.4), rng.uniform(0.07, 0.14)])
-    piece.add(crumpled(rng, size, depth=0.4), looks.fabric())
+    piece.add(crumpled(rng, size, depth=0.2), looks.fabric())
     if rng.random() < 0.6:
         piece.add(
-            crumpled(rng, size * [0.6, 0.65, 1.5], (rng.uniform(-0.05, 0.05), 0.02, 0), 0.4), looks.fabric()
+            crumpled(rng, size * [0.6, 0.65, 1.5], (rng.uniform(-0.05, 0.05), 0.02, 0), 0.2), looks.fabric()
         )
     return piece
 
@@ -136,8 +136,8 @@ def hung_garment(rng: Rng, looks: Looks, height: float | None = None) -> Assembl
     angle = np.linspace(0, 2 * np.pi, 40, endpoint=False)
     phase, rings = rng.uniform(0, 6), []
     for t in np.linspace(0, 1, 12):
-        w = wide * np.interp(t, [0, 0.08, 0.25, 0.6, 1], [0.95, 0.92, 0.98, 0.8, 0.22])
-        d = 0.19 * np.interp(t, [0, 0.3, 0.8, 1], [1.0, 0.9, 0.72, 0.3])
+        w = wide * np.interp(t, [0, 0.3, 0.7, 0.9, 0.96, 1], [1.0, 0.84, 0.9, 0.95, 0.7, 0.3])
+        d = 0.19 * np.interp(t, [0, 0.3, 0.9, 1], [1.0, 0.9, 0.7, 0.3])
         fold = 1 + 0.13 * (1 - t) * np.sin(7 * angle + phase + 2 * t)
         rings.append(
             np.column_stack(
@@ -148,8 +148,8 @@ def hung_garment(rng: Rng, looks: Looks, height: float | None = None) -> Assembl
     if rng.random() < 0.75:
         for side in (-1, 1):
             arm = bow(
-                (side * wide * 0.3, 0, -0.17 * tall),
-                (side * wide * 0.62, 0, -0.3 * tall),
+                (side * wide * 0.3, 0, -0.1 * tall),
+                (side * wide * 0.62, 0, -0.22 * tall),
                 (side * wide * 0.56, -0.02, -rng.uniform(0.66, 0.78) * tall),
             )
             piece.add(tube(arm, np.linspace(0.07, 0.05, len(arm)), 14), cloth)
@@ -160,8 +160,11 @@ def backpack(rng: Rng, looks: Looks) -> Assembly:
     """A rucksack standing on the floor."""
     piece, cloth = Assembly("objects"), looks.fabric()
     w, d, h = rng.uniform(0.28, 0.34), rng.uniform(0.16, 0.2), rng.uniform(0.4, 0.5)
-    rings = [ring((w * a, d * b), (0, c, h * z), 0.5) for a, b, c, z in (
-        (0.9, 0.9, 0, 0), (1, 1, 0, 0.08), (1, 1, 0, 0.55), (0.92, 0.85, 0.01, 0.8), (0.7, 0.6, 0.02, 0.95), (0.4, 0.3, 0.03, 1))]  # fmt: skip
+    profile = (
+        (0.9, 0.9, 0, 0), (1, 1, 0, 0.08), (1, 1, 0, 0.55), (0.92, 0.85, 0.01, 0.8), (0.7, 0.6, 0.02, 0.95),
+        (0.4, 0.3, 0.03, 1),
+    )  # fmt: skip
+    rings = [ring((w * a, d * b), (0, c, h * z), 0.5) for a, b, c, z in profile]
     piece.add(loft(rings, sharp=0.3), cloth)
     piece.add(
         cushion((0.72 * w, 0.1, 0.4 * h), (0, -d / 2 - 0.005, 0.06 * h), 0.35, 10),
