@@ -98,14 +98,17 @@ class LoopConfig:
     """Gate: RMS of photometric residuals; another place of the same shape has other colours."""
     max_drift: float = 0.05
     """Gate: a loop moves the camera by at most this share of the way since, plus 5 cm."""
-    negligible: float = 0.005
-    """Views that differ by less than this [m] are one: inactive surfels become active, nothing is deformed."""
+    negligible: float = 0.02
+    """Views that differ by less than this [m RMS] are one: inactive surfels become active, nothing is deformed.
+    Registration of two noisy views is no better than 0.5-1 cm, and tracking pulls the rest together."""
+    min_overlap: float = 0.25
+    """Gate: share of the image that both views see; narrower strips register with errors of 2 cm."""
     trust: int = 30
     """After a loop, surfels that come into view need only agree with the active view for this many frames."""
+    retry: int = 3
+    """After a registration that was not believed, the next one is tried this many frames later."""
     constraint_grid: int = 20
     """Columns of the grid of pixels from which constraints are taken."""
-    max_constraint_error: float = 0.01
-    """Gate: RMS distance [m] that a deformation may leave between a constraint's source and destination."""
     global_every: int = 5
     """Keyframes are asked in every n-th frame."""
 
@@ -187,6 +190,20 @@ class GraphConfig:
 
 
 @dataclass
+class MovingConfig:
+    """People and objects that move."""
+
+    mode: Literal["mask", "off"] = "mask"
+    """mask: points in what was free space lately are neither fused nor labelled; off: fuse everything."""
+    memory: int = 60
+    """What has stood still for this many frames is static."""
+    width: int = 160
+    """Moving things are looked for on the finest pyramid level of at most this many columns."""
+    min_share: float = 0.002
+    """Smaller things, as a share of the image, count as noise."""
+
+
+@dataclass
 class MapConfig:
     """All of a run's parameters."""
 
@@ -201,6 +218,7 @@ class MapConfig:
     track: TrackConfig = field(default_factory=TrackConfig)
     surfels: SurfelConfig = field(default_factory=SurfelConfig)
     labels: LabelConfig = field(default_factory=LabelConfig)
+    moving: MovingConfig = field(default_factory=MovingConfig)
     loops: LoopConfig = field(default_factory=LoopConfig)
     ferns: FernConfig = field(default_factory=FernConfig)
     relocalise: RelocaliseConfig = field(default_factory=RelocaliseConfig)

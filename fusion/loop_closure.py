@@ -34,8 +34,9 @@ _MIN_STRIP = 0.004
 _LEAST_DRIFT = 0.05
 """Drift [m] that is likely after no way at all."""
 _NEVER = -(10**9)
-_TIGHT = 3.0
-"""The registration that confirms another may move the camera by this many `negligible` distances."""
+_TIGHT = 0.5
+"""Share of `negligible` by which a second registration may move the camera, and by which a strip of surface that
+comes into view may lie beside the active one."""
 
 
 @dataclass
@@ -82,7 +83,8 @@ class Moment:
 
 
 class LoopCloser:
-    """Closes loops; owns the keyframes. Everything it remembers is `ferns`, `records`, `closed` and `verified`.
+    """Closes loops; owns the keyframes. Everything it remembers is `ferns`, `records`, `closed`,
+    `verified` and `refused`.
 
     Args:
         config: every parameter.
@@ -107,6 +109,8 @@ class LoopCloser:
         self.closed = ClosedLoops()
         self.verified = _NEVER
         """Last frame in which the active and the inactive view were found to agree."""
+        self.refused = _NEVER
+        """Frame of the last registration that was not believed."""
         self.rejected = ""
         """Why the last attempt was given up, in words."""
 
@@ -118,6 +122,8 @@ class LoopCloser:
         """
         self.rejected = ""
         changed = self._local(now)
+        if self.rejected:
+            self.refused = now.time
         if self.loops.mode in ("on", "global"):
             changed = self._global(now, try_it=not changed) or changed
         return changed
@@ -143,6 +149,8 @@ class LoopCloser:
         if now.time - self.verified <= self.loops.trust and self._agrees(now, inactive, seen):
             return self._wake_view(now)
         if seen.both * _VGA_PIXELS < self.loops.min_inliers:
+            return False
+        if now.time - self.refused < self.loops.retry:
             return False
         T_inactive_active, health = self._register(now, inactive)
         self.rejected = objection(health, self.loops)
@@ -187,6 +195,9 @@ class LoopCloser:
         if shift < self.loops.negligible:
             self._render_inactive(now.T_world_camera, now.t_active)
             return self._wake_view(now)
+        if seen.both < self.loops.min_overlap:
+            self.rejected = f"the views share only {seen.both:.0%} of the image"
+            return False
         if self.loops.mode == "global" and kind == "local":
             return False
         return self._deform(kind, now, T_found, shift, health, similarity)
@@ -251,7 +262,7 @@ class LoopCloser:
     def _agrees(self, now: Moment, inactive: ModelView, seen: Overlap) -> bool:
         """Whether what comes into view needs no registration: it lies where the active view says."""
         rms, share = explained_rms(self._tracker, self.level, now.view, inactive, seen)
-        return rms < self.loops.negligible and share > self.loops.min_agreement
+        return rms < _TIGHT * self.loops.negligible and share > self.loops.min_agreement
 
     def _wake_view(self, now: Moment) -> bool:
         active = now.view.levels[self.level][0]
