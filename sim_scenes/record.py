@@ -12,54 +12,15 @@ from queue import SimpleQueue
 
 import numpy as np
 
-from dsmap.errors import InputError
 from dsmap.files import atomic_path
 from dsmap.sequences import SequenceWriter
 from dsmap.sequences.mesh import LabelledMesh, write_mesh
-from dsmap.sim_scenes.render import RENDERERS, Image, Renderer, default_camera, open_renderer, part_tables
+from dsmap.sim_scenes.image_effects import apply, exposure_flow, tremor
+from dsmap.sim_scenes.options import RenderOptions, Take, plan_take
+from dsmap.sim_scenes.render import Image, Renderer, open_renderer, part_tables
 from dsmap.sim_scenes.rooms import build_scene
 from dsmap.sim_scenes.scene import Scene
-from dsmap.sim_scenes.sensor_noise import NOISES, kinect_depth
-from dsmap.sim_scenes.trajectories import camera_path
-
-MAX_DEPTH_M = 8.0
-"""Default depth range of a rendered room, written into its calibration [m]."""
-
-
-@dataclass(frozen=True)
-class RenderOptions:
-    """What to render. Everything but `renderer` and `jobs` follows from these values to the byte."""
-
-    scene: str = "living_room"
-    seed: int = 1
-    frames: int = 300
-    width: int = 640
-    height: int = 480
-    fps: float = 30.0
-    noise: str = "none"
-    path: str = "walk"
-    """`walk` = a hand-held video; `views` = unrelated viewpoints, for training."""
-    renderer: str = "warp"
-    jobs: int = 1
-    """Frames rendered side by side (threads); the result does not depend on it."""
-
-    def check(self) -> None:
-        """Raises InputError for values out of range."""
-        for name, value, least in (
-            ("frames", self.frames, 1),
-            ("width", self.width, 16),
-            ("height", self.height, 16),
-        ):
-            if value < least:
-                raise InputError(f"{name} is {value}; expected at least {least}")
-        if not self.fps > 0:
-            raise InputError(f"fps is {self.fps}; expected a positive number")
-        if self.seed < 0:
-            raise InputError(f"seed is {self.seed}; expected 0 or more")
-        if self.noise not in NOISES:
-            raise InputError(f"unknown noise {self.noise!r}; expected one of: {', '.join(NOISES)}")
-        if self.renderer not in RENDERERS:
-            raise InputError(f"unknown renderer {self.renderer!r}; expected one of: {', '.join(RENDERERS)}")
+from dsmap.sim_scenes.sensors import SENSORS
 
 
 @dataclass(frozen=True)
@@ -74,40 +35,67 @@ class RenderedFrame:
     true_depth: np.ndarray
     """Planar depth [m] without noise."""
     label: np.ndarray
+    """Class ids, uint8; 0 while the lens is covered."""
     instance: np.ndarray
     T_world_camera: np.ndarray
 
 
-def iter_frames(scene: Scene, options: RenderOptions) -> Iterator[RenderedFrame]:
-    """Render a scene along its camera path, frame by frame, without touching the disk."""
-    options.check()
-    camera = default_camera(options.width, options.height)
-    poses = camera_path(scene, options.path, options.frames, options.fps, options.seed)
-    tables = part_tables(scene)
-    jobs = max(1, min(options.jobs, options.frames)) if options.renderer == "warp" else 1
+def iter_frames(scene: Scene, options: RenderOptions, take: Take | None = None) -> Iterator[RenderedFrame]:
+    """Render a scene along its camera path, frame by frame, without touching the disk.
 
-    def finish(index: int, image: Image) -> RenderedFrame:
-        label, instance, glass = (table[image.part] for table in tables)
-        depth = image.depth
-        if options.noise == "kinect":
-            depth = kinect_depth(depth, camera, glass, seed=options.seed, frame=index)
-        return RenderedFrame(
-            index / options.fps, image.rgb, depth, image.depth, label, instance, poses[index]
-        )
+    `take`: what `plan_take` gave for the same scene and options, if the caller has it already.
+    """
+    take = take or plan_take(scene, options)
+    finish = _Finish(scene, options, take)
+    frames = len(take.poses)
+    jobs = max(1, min(options.jobs, frames)) if options.renderer == "warp" else 1
+
+    def make() -> Renderer:
+        return open_renderer(options.renderer, scene, take.camera)
 
     if jobs == 1:  # OpenGL contexts belong to the thread that made them, so no pool here.
-        renderer = open_renderer(options.renderer, scene, camera)
+        renderer = make()
         try:
-            for index, pose in enumerate(poses):
-                yield finish(index, renderer(pose))
+            for index in range(frames):
+                yield finish(index, renderer(take.poses[index]))
         finally:
             renderer.close()
         return
-    yield from _in_threads(jobs, lambda: open_renderer(options.renderer, scene, camera), finish, poses)
+    yield from _in_threads(jobs, make, finish, take)
+
+
+class _Finish:
+    """From a rendered image to a frame: labels, the sensor's depth, the camera's colours."""
+
+    def __init__(self, scene: Scene, options: RenderOptions, take: Take) -> None:
+        self.options, self.take = options, take
+        self.tables, self.sensor = part_tables(scene), SENSORS[options.noise]
+
+    def __call__(self, index: int, image: Image) -> RenderedFrame:
+        options, take = self.options, self.take
+        label, instance, glass = (table[image.part] for table in self.tables)
+        rgb, true = self._colours(index, image), image.depth
+        depth = self.sensor.measure(true, take.camera, glass, image.rgb, options.seed, index)
+        if take.covered[index]:
+            rgb, depth, true, label, instance = map(np.zeros_like, (rgb, depth, true, label, instance))
+        return RenderedFrame(index / options.fps, rgb, depth, true, label, instance, take.poses[index])
+
+    def _colours(self, index: int, image: Image) -> np.ndarray:
+        """The picture with the camera's effects; it is smeared by the motion since the frame before."""
+        take, effects = self.take, self.take.effects
+        if effects.idle:
+            return image.rgb
+        pose = take.poses[index]
+        if self.options.path == "views":
+            neighbour = pose @ tremor(effects, index)
+        else:
+            neighbour = take.poses[index - 1] if index else take.poses[min(1, len(take.poses) - 1)]
+        flow = exposure_flow(image.depth, take.camera, pose, neighbour, effects)
+        return apply(image.rgb, effects, index, flow)
 
 
 def _in_threads(
-    jobs: int, make: Callable[[], Renderer], finish: Callable[[int, Image], RenderedFrame], poses: np.ndarray
+    jobs: int, make: Callable[[], Renderer], finish: Callable[[int, Image], RenderedFrame], take: Take
 ) -> Iterator[RenderedFrame]:
     """Render frames on `jobs` threads, each with a renderer of its own, and yield them in order."""
     idle: SimpleQueue[Renderer] = SimpleQueue()
@@ -118,14 +106,14 @@ def _in_threads(
     def one(index: int) -> RenderedFrame:
         renderer = idle.get()
         try:
-            return finish(index, renderer(poses[index]))
+            return finish(index, renderer(take.poses[index]))
         finally:
             idle.put(renderer)
 
     waiting: deque[Future[RenderedFrame]] = deque()
     with ThreadPoolExecutor(jobs) as pool:
         try:
-            for index in range(len(poses)):
+            for index in range(len(take.poses)):
                 waiting.append(pool.submit(one, index))
                 if len(waiting) > 2 * jobs:
                     yield waiting.popleft().result()
@@ -160,15 +148,19 @@ def render_sequence(
     """
     options.check()
     scene = build_scene(options.scene, options.seed)
-    camera = default_camera(options.width, options.height)
+    take = plan_take(scene, options)
     targets = [(out, options)] + ([(clean_copy, replace(options, noise="none"))] if clean_copy else [])
     with contextlib.ExitStack() as stack:
         writers = [
-            stack.enter_context(SequenceWriter(path, camera, overwrite=overwrite, depth_max=MAX_DEPTH_M))
-            for path, _ in targets
+            stack.enter_context(
+                SequenceWriter(
+                    path, take.camera, overwrite=overwrite, depth_max=SENSORS[what.noise].depth_max
+                )
+            )
+            for path, what in targets
         ]
-        frames: Iterable[RenderedFrame] = iter_frames(scene, options)
-        for frame in progress(frames, options.frames) if progress else frames:
+        frames: Iterable[RenderedFrame] = iter_frames(scene, options, take)
+        for frame in progress(frames, len(take.poses)) if progress else frames:
             for writer, (_, what) in zip(writers, targets, strict=True):
                 depth = frame.true_depth if what.noise == "none" else frame.depth
                 writer.write(

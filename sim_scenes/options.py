@@ -1,0 +1,110 @@
+"""What to render: the options of a recording, checked, and what follows from them before any frame is rendered."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dsmap.errors import InputError
+from dsmap.frame import Intrinsics
+from dsmap.sim_scenes.image_effects import LEVELS, Effects
+from dsmap.sim_scenes.render import RENDERERS
+from dsmap.sim_scenes.scene import Scene
+from dsmap.sim_scenes.sensors import NOISES, SENSORS
+from dsmap.sim_scenes.trajectories import camera_path
+from dsmap.sim_scenes.trials import covered_frames
+
+
+@dataclass(frozen=True)
+class RenderOptions:
+    """What to render. Everything but `renderer` and `jobs` follows from these values to the byte."""
+
+    scene: str = "living_room"
+    seed: int = 1
+    frames: int = 300
+    """0 = as many as the round trip takes (path `loop` only)."""
+    width: int = 640
+    height: int = 480
+    fps: float = 30.0
+    noise: str = "none"
+    """`none`, or the depth sensor to imitate: `kinect` (v1), `d435` (RealSense), `azure` (Azure Kinect)."""
+    path: str = "walk"
+    """`walk` = a hand-held video; `views` = unrelated viewpoints, for training; more in `trajectories.PATHS`."""
+    intrinsics: tuple[float, float, float, float] | None = None
+    """fx, fy, cx, cy [px] of the images as rendered, integer pixel centres; None = those of the sensor."""
+    effects: str = "none"
+    """What the colour camera does to its pictures: `none`, `mild`, `strong` (`image_effects`)."""
+    distortion: bool = False
+    """Give the lens a distortion drawn by the seed (`calibration.yaml` has it; renderer `warp` only)."""
+    renderer: str = "warp"
+    jobs: int = 1
+    """Frames rendered side by side (threads); the result does not depend on it."""
+
+    def check(self) -> None:
+        """Raises InputError for values out of range."""
+        least_frames = 0 if self.path == "loop" else 1
+        for name, value, least in (
+            ("frames", self.frames, least_frames),
+            ("width", self.width, 16),
+            ("height", self.height, 16),
+        ):
+            if value < least:
+                raise InputError(f"{name} is {value}; expected at least {least}")
+        if not self.fps > 0:
+            raise InputError(f"fps is {self.fps}; expected a positive number")
+        if self.seed < 0:
+            raise InputError(f"seed is {self.seed}; expected 0 or more")
+        for name, value, known in (
+            ("noise", self.noise, NOISES),
+            ("renderer", self.renderer, RENDERERS),
+            ("image effects", self.effects, LEVELS),
+        ):
+            if value not in known:
+                raise InputError(f"unknown {name} {value!r}; expected one of: {', '.join(known)}")
+        if self.intrinsics is not None and not min(self.intrinsics[:2]) > 0:
+            raise InputError(
+                f"intrinsics are {self.intrinsics}; expected fx, fy, cx, cy with positive fx and fy"
+            )
+        if self.distortion and self.renderer != "warp":
+            raise InputError(
+                f"distortion with renderer {self.renderer!r}; expected warp, the others have none"
+            )
+
+
+@dataclass(frozen=True)
+class Take:
+    """A recording before it is rendered: the camera and what happens in every frame."""
+
+    camera: Intrinsics
+    effects: Effects
+    poses: np.ndarray
+    """T_world_camera of every frame, shape (frames, 4, 4)."""
+    covered: np.ndarray
+    """Frames in which something covers the lens, bool (frames,)."""
+
+
+def camera_of(options: RenderOptions) -> Intrinsics:
+    """The camera of the options: their intrinsics, else those of the sensor they imitate."""
+    if options.intrinsics is None:
+        camera = SENSORS[options.noise].camera(options.width, options.height)
+    else:
+        camera = Intrinsics(options.width, options.height, *options.intrinsics)
+    if not options.distortion:
+        return camera
+    lens = Effects.sample("mild", options.seed, lens=True).distortion
+    return Intrinsics(camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy, lens)
+
+
+def plan_take(scene: Scene, options: RenderOptions) -> Take:
+    """All that the options say about a recording of a scene.
+
+    Raises:
+        InputError: bad options, or a scene without space for the path.
+    """
+    options.check()
+    poses = camera_path(scene, options.path, options.frames, options.fps, options.seed)
+    return Take(
+        camera_of(options),
+        Effects.sample(options.effects, options.seed),
+        poses,
+        covered_frames(options.path, len(poses), options.fps, options.seed),
+    )
