@@ -43,3 +43,12 @@ def inverse(T: np.ndarray) -> np.ndarray:
 def rotation_angle(T: np.ndarray) -> float:
     """Rotation angle of a transform [rad]."""
     return float(np.arccos(np.clip((np.trace(T[:3, :3]) - 1) / 2, -1, 1)))
+
+
+def solve(A: np.ndarray, b: np.ndarray) -> np.ndarray | None:
+    """Solution of the normal equations A x = b of a few unknowns, or None where they have none."""
+    try:
+        x = np.linalg.solve(A + 1e-9 * np.trace(A) * np.eye(len(A)), b)
+    except np.linalg.LinAlgError:
+        return None
+    return x if np.isfinite(x).all() else None

@@ -126,7 +126,7 @@ class Mapper:
                 self._predict()
             with self._stage("loops"):
                 result.loop = self._close_loops(maps)
-            self.tracker.remember(maps)
+            self.tracker.remember(maps[-1].intensity)
             self._last_fused = self.time
         self.time += 1
         for name, ms in self._clock.items():

@@ -143,7 +143,7 @@ class Relocaliser:
         """T_keyframe_camera from the two small views: rotation only first, then all six."""
         last = preprocess(keyframe.rgb, keyframe.depth, self._small_cameras, _CPU)
         model = ModelView(last[0].vertex, last[0].normal, last[0].intensity, _SMALL_LEVELS, np.eye(4))
-        self._small.remember(last)
+        self._small.remember(last[-1].intensity)
         return self._small.track(preprocess(view.rgb, view.depth, self._small_cameras, _CPU), model)
 
 

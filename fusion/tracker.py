@@ -8,8 +8,9 @@ import numpy as np
 import warp as wp
 
 from dsmap.fusion.config import TrackConfig
-from dsmap.fusion.lie import exp_se3, exp_so3
-from dsmap.kernels.odometry import Gates, gradient, joint_normal_equations, rotation_normal_equations
+from dsmap.fusion.lie import exp_se3, solve
+from dsmap.fusion.prealign import RotationAligner
+from dsmap.kernels.odometry import Gates, gradient, joint_normal_equations
 from dsmap.kernels.preprocess import half_surface
 from dsmap.kernels.types import FrameMaps
 
@@ -17,9 +18,6 @@ _CONVERGED = 1e-4
 """A step below this (metres and radians alike) ends a level: a twentieth of a pixel at 1 m."""
 _VGA_PIXELS = 640 * 480
 """Published pixel counts are those of this image size."""
-_SO3_ITERATIONS = 6
-_SO3_CONVERGED = 1e-3
-"""A rotation step [rad] below this ends pre-alignment: a sixth of a pixel of the coarsest level."""
 
 
 @dataclass
@@ -80,11 +78,13 @@ class Tracker:
     def __init__(self, config: TrackConfig, cameras: Sequence[Any]):
         self.config = config
         self.cameras = cameras
-        self._last_coarse: tuple[wp.array, wp.array] | None = None
+        self.aligner = RotationAligner(cameras[-1])
+        self.last_coarse: list[tuple[wp.array, wp.array]] | None = None
+        """Small images of the last tracked frame, finest first (see RotationAligner.pyramid)."""
 
-    def remember(self, frame: Sequence[FrameMaps]) -> None:
-        """Keep the coarsest intensity image of a tracked frame for the next frame's pre-alignment."""
-        self._last_coarse = (frame[-1].intensity, gradient(frame[-1].intensity))
+    def remember(self, intensity: wp.array) -> None:
+        """Keep a tracked frame's intensity image of the coarsest level for the next frame's pre-alignment."""
+        self.last_coarse = self.aligner.pyramid(intensity)
 
     def track(self, frame: Sequence[FrameMaps], model: ModelView) -> tuple[np.ndarray, Health]:
         """Register a frame to a model view.
@@ -94,8 +94,9 @@ class Tracker:
             the verdict. The transform of a lost frame is the best that was found: do not use it.
         """
         T_prev_cur = np.eye(4)
-        if self.config.so3 and self._last_coarse is not None:
-            T_prev_cur[:3, :3] = self.prealign(frame[-1].intensity, *self._last_coarse)
+        if self.config.so3 and self.last_coarse is not None:
+            current = self.aligner.pyramid(frame[-1].intensity)
+            T_prev_cur[:3, :3] = self.aligner.rotation(current, self.last_coarse)
         source = [(maps.vertex, maps.normal, maps.intensity) for maps in frame]
         return self.register(source, model, T_prev_cur)
 
@@ -122,7 +123,7 @@ class Tracker:
             for _ in range(iterations[level]):
                 icp, rgb = self.normal_equations(level, source[level], model.levels[level], T_model_source)
                 # Eq. 3: E = E_icp + w_rgb E_rgb
-                xi = _solve(icp[0] + self.config.w_rgb * rgb[0], icp[1] + self.config.w_rgb * rgb[1])
+                xi = solve(icp[0] + self.config.w_rgb * rgb[0], icp[1] + self.config.w_rgb * rgb[1])
                 if xi is None:
                     return T_model_source, self._verdict(source, model.finest, icp, rgb, diverged=True)
                 T_model_source = exp_se3(xi) @ T_model_source
@@ -134,25 +135,6 @@ class Tracker:
     def normal_equations(self, level: int, source: tuple, model: tuple, T_model_source: np.ndarray) -> tuple:
         """Of Eq. 1 and Eq. 2 on one pyramid level: see `joint_normal_equations`, with the configured gates."""
         return joint_normal_equations(self.cameras[level], T_model_source, self._gates(level), source, model)
-
-    def prealign(self, intensity: wp.array, last_intensity: wp.array, last_gradient: wp.array) -> np.ndarray:
-        """R_prev_cur, shape (3, 3), that best turns one image of the coarsest level into another."""
-        R_prev_cur = np.eye(3)
-        best, best_cost = R_prev_cur, np.inf
-        for _ in range(_SO3_ITERATIONS):
-            A, b, cost, count = rotation_normal_equations(
-                self.cameras[-1], R_prev_cur, intensity, last_intensity, last_gradient
-            )
-            if count < 100 or cost / count >= best_cost:
-                break
-            best, best_cost = R_prev_cur, cost / count
-            w = _solve(A, b)
-            if w is None:
-                break
-            R_prev_cur = exp_so3(w) @ R_prev_cur
-            if np.abs(w).max() < _SO3_CONVERGED:
-                return R_prev_cur
-        return best
 
     def _gates(self, level: int) -> Any:
         config, gates = self.config, Gates()
@@ -201,12 +183,3 @@ class Tracker:
         return Health(
             not reason, reason, fraction, rms_icp, rms_rgb, covariance, share, scale * icp[3], cofactor
         )
-
-
-def _solve(A: np.ndarray, b: np.ndarray) -> np.ndarray | None:
-    """Solution of a small normal equation, or None where it has none."""
-    try:
-        x = np.linalg.solve(A + 1e-9 * np.trace(A) * np.eye(len(A)), b)
-    except np.linalg.LinAlgError:
-        return None
-    return x if np.isfinite(x).all() else None

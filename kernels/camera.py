@@ -28,6 +28,15 @@ def make_camera(intrinsics: Any) -> Camera:
     return camera
 
 
+def half_camera(camera: Camera) -> Camera:
+    """The camera of the next pyramid level: every pixel is the mean of a 2x2 block."""
+    half = Camera()
+    half.fx, half.fy = camera.fx / 2, camera.fy / 2
+    half.cx, half.cy = (camera.cx + 0.5) / 2 - 0.5, (camera.cy + 0.5) / 2 - 0.5
+    half.width, half.height = camera.width // 2, camera.height // 2
+    return half
+
+
 def to_transform(T: Any) -> wp.mat44:
     """A NumPy pose, shape (4, 4), as a kernel argument."""
     return wp.mat44(*[float(v) for v in T.reshape(16)])

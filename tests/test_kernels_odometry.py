@@ -97,7 +97,7 @@ def test_tracker_finds_the_motion(xi):
     truth = exp_se3(np.array(xi))
     frame, model, first = pair(truth)
     tracker = Tracker(TrackConfig(stride=(1, 1, 1)), LEVELS)
-    tracker.remember(first)
+    tracker.remember(first[-1].intensity)
     T_prev_cur, health = tracker.track(frame, model)
     error = inverse(truth) @ T_prev_cur
     assert health.tracked, health.reason
@@ -112,7 +112,7 @@ def test_tracker_knows_when_it_is_lost():
     noise = preprocess(rng.integers(0, 256, (72, 96, 3), dtype=np.uint8),
                        rng.uniform(0.5, 3, (72, 96)).astype(np.float32), LEVELS, CPU)  # fmt: skip
     tracker = Tracker(TrackConfig(), LEVELS)
-    tracker.remember(first)
+    tracker.remember(first[-1].intensity)
     assert not tracker.track(noise, model)[1].tracked
     far = preprocess(*room(exp_se3(np.array([0, 0, 0, 0, 2.5, 0]))), LEVELS, CPU)
     assert not tracker.track(far, model)[1].tracked
