@@ -24,8 +24,10 @@ def ring(size: Vector, at: Vector = (0, 0, 0), corner: float = 0.5, sides: int =
     return points + np.asarray(at, float)
 
 
-def loft(rings: Sequence[np.ndarray], sharp: float = 0.8) -> Shape:
+def loft(rings: Sequence[np.ndarray], sharp: float = 0.8, caps: bool = True) -> Shape:
     """A skin over rings of equal count (each (n, 3), counter-clockwise seen from the far end), both ends capped.
+
+    Without `caps` the last ring is to be the first one again (a hoop).
 
     Rings that go down again inside the first make a vessel. Where two strips meet at more than about
     acos(sharp) the edge is kept sharp by giving each strip its own vertices.
@@ -45,7 +47,7 @@ def loft(rings: Sequence[np.ndarray], sharp: float = 0.8) -> Shape:
         b = a + count + 1
         faces += [np.column_stack([a, a + 1, b + 1]), np.column_stack([a, b + 1, b])]
         start, length = start + 2 * (count + 1), length + step
-    for points, outward in ((closed[0, :-1], False), (closed[-1, :-1], True)):
+    for points, outward in ((closed[0, :-1], False), (closed[-1, :-1], True)) if caps else ():
         if np.ptp(points, axis=0).max() < 1e-6:
             continue
         centre = points.mean(0)
