@@ -14,6 +14,7 @@ from dsmap.errors import InputError
 from dsmap.frame import Frame, Intrinsics, orthonormal
 from dsmap.fusion.config import MapConfig
 from dsmap.fusion.loop_closure import LoopCloser, LoopRecord, Moment
+from dsmap.fusion.moving import MovingThings
 from dsmap.fusion.segmenter import Segmenter
 from dsmap.fusion.semantics import Schedule
 from dsmap.fusion.tracker import Health, ModelView, Tracker
@@ -50,6 +51,8 @@ class StepResult:
     """Tracking had lost this frame; it was found again by keyframes."""
     loop: LoopRecord | None = None
     """The loop that was closed after this frame."""
+    moving: float = 0.0
+    """Share of the image that moves and is left out of the map."""
     stages_ms: dict[str, float] = field(default_factory=dict)
 
 
@@ -80,15 +83,17 @@ class Mapper:
         self.schedule = Schedule(config.labels)
         self.surfels = SurfelMap.empty(self.device)
         self.blocks = Blocks(self.surfels, config.surfels.stable_weight)
-        self._sweep = Sweep(self.surfels, self.blocks)
-        self._visible: wp.array | None = None
+        self.sweep = Sweep(self.surfels, self.blocks)
         self.views = Views(config, self.blocks, self.cameras)
         looping = config.loops.mode != "off" and config.poses == "track"
         self.closer = LoopCloser(config, intrinsics, self.views) if looping else None
+        self.moving = MovingThings(config, self.cameras)
         self.view: ModelView | None = None
         self.view_t_active = 0
         self.time = 0
-        self._last_fused = -1
+        self.last_fused = -1
+        self.first_frame = 0
+        """Frames before this one belong to an earlier recording, in whose map this one started."""
         self.T_world_camera = np.eye(4)
         self.trajectory: list[TrajectoryPoint] = []
         self.maps = self.views.empty()
@@ -100,10 +105,10 @@ class Mapper:
         """Go on with this map: a new one, or one that was loaded; it lies on the mapper's device."""
         self.surfels = self.blocks.surfels = surfels
         self.blocks.forget()
-        self._sweep = Sweep(surfels, self.blocks)
+        self.sweep = Sweep(surfels, self.blocks)
 
     def step(self, frame: Frame) -> StepResult:
-        """Process one frame: preprocess, track, associate, fuse, clean up, segment, label, predict, close loops."""
+        """Process one frame: preprocess, track, mask, associate, fuse, clean up, segment, label, predict, loops."""
         self._clock = {}
         result = StepResult(self.T_world_camera, False, None, "", 0, False, stages_ms=self._clock)
         with self._stage("preprocess"):
@@ -112,6 +117,8 @@ class Mapper:
             self._locate(frame, maps, result)
         self.trajectory.append(TrajectoryPoint(frame.time, self.T_world_camera.copy(), result.tracked))
         if result.tracked:
+            with self._stage("moving"):
+                result.moving = self.moving.mask(maps, self.trajectory)
             with self._stage("associate"):
                 self._associate(maps[0])
             with self._stage("fuse"):
@@ -127,7 +134,7 @@ class Mapper:
             with self._stage("loops"):
                 result.loop = self._close_loops(maps)
             self.tracker.remember(maps[-1].intensity)
-            self._last_fused = self.time
+            self.last_fused = self.time
         self.time += 1
         for name, ms in self._clock.items():
             self.stages_ms[name].append(ms)
@@ -180,8 +187,11 @@ class Mapper:
         depth = maps[0].vertex.numpy()[::4, ::4, 2]
         if np.count_nonzero(depth) < _MIN_DEPTH_PIXELS * depth.size:
             result.reason = "too little depth"
-        elif self.view is None:
+        elif self.view is None and self.surfels.count == 0:
             result.tracked = True  # the first frame defines the world
+        elif self.view is None:
+            result.reason = "not found in the map yet"
+            self._relocalise(maps, result)
         else:
             T_prev_cur, result.health = self.tracker.track(maps, self.view)
             result.tracked, result.reason = result.health.tracked, result.health.reason
@@ -203,7 +213,7 @@ class Mapper:
         """Surfels updated since this frame are active; lost frames do not make the map older."""
         if self.closer is None:
             return 0
-        return max(self._last_fused + 1 - self.config.surfels.active_window, 0)
+        return max(self.last_fused + 1 - self.config.surfels.active_window, 0)
 
     def visible(self, T_world_camera: np.ndarray) -> wp.array:
         """Blocks of the map that may hold what a frame from this pose sees: `visible` of the kernels' launchers."""
@@ -232,7 +242,7 @@ class Mapper:
                 margin=surfels.max_ray_distance, margin_z2=surfels.ray_distance_z2, walk=walk,
             )  # fmt: skip
         self.blocks.measure(walk)
-        self._sweep.step()
+        self.sweep.step()
         self._visible = self.visible(self.T_world_camera)  # with the frame's new surfels
 
     def _segment(self, frame: Frame) -> np.ndarray | None:

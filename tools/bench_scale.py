@@ -137,7 +137,8 @@ def surround(seen: SurfelMap, room: dict[str, np.ndarray], count: int) -> Surfel
     """The part in view amid other rooms, mapped before and after it, `count` surfels in all."""
     size = len(room["weight"])
     extra = max(count - seen.count, 0)
-    result = SurfelMap.empty(seen.device, capacity=int(1.05 * (seen.count + extra)))
+    result = SurfelMap.empty(seen.device)
+    result.reserve(int(1.05 * (seen.count + extra)))
     result.count = seen.count + extra
     side = int(np.ceil(np.sqrt(extra / size / 4))) + 1
     arrays = {name: array.copy() for name, array in result.numpy().items()}

@@ -1,0 +1,135 @@
+"""Moving things: people and objects that move are masked out of a frame before it is fused.
+
+A point is moving if it lies where one of the last frames saw free space. New surfaces that come into view lie
+where nothing was known, and are fused at once; a thing that moved in front of a known wall is not. Nothing
+has to be tracked or recognised, and what comes to rest is static by itself: once it has stood still for the
+length of the memory no remembered frame looks through it any more. What has left is none of this module's
+business: prune takes out what the camera sees through.
+"""
+
+from collections import deque
+from collections.abc import Sequence
+from typing import Any
+
+import cv2
+import numpy as np
+import warp as wp
+
+from dsmap.fusion.config import MapConfig
+from dsmap.fusion.lie import inverse
+from dsmap.fusion.trajectory import TrajectoryPoint
+from dsmap.kernels.moving import was_free
+from dsmap.kernels.types import FrameMaps
+
+_EVERY = 4
+"""Every n-th frame is remembered."""
+_COMPARED = (1, 3, 7)
+"""The remembered frames, counted from the newest, that a frame is compared with; and the oldest one."""
+
+
+class MovingThings:
+    """Finds the pixels of moving things by a short memory of depth images.
+
+    Everything it remembers is `memory`: (row of the trajectory, depth [m] of the coarse level, shape (h, w)).
+
+    Args:
+        config: gates of the surfel map, and `moving`.
+        cameras: of the image pyramid, finest first.
+    """
+
+    def __init__(self, config: MapConfig, cameras: Sequence[Any]):
+        self.config = config
+        narrow = [level for level, camera in enumerate(cameras) if camera.width <= config.moving.width]
+        self.level = min(narrow, default=len(cameras) - 1)
+        self.camera = cameras[self.level]
+        self.memory: deque[tuple[int, np.ndarray]] = deque(maxlen=max(config.moving.memory // _EVERY, 1))
+
+    def mask(self, frame: Sequence[FrameMaps], trajectory: Sequence[TrajectoryPoint]) -> float:
+        """Treat a tracked frame's moving pixels as depth edges: neither fused nor labelled, evidence of nothing.
+
+        Args:
+            frame: its maps, finest level first; the edges of the finest are changed.
+            trajectory: of all frames so far; this one's pose is the last.
+
+        Returns:
+            Their share of the image.
+        """
+        if self.config.moving.mode == "off":
+            return 0.0
+        moving = self.find(frame, trajectory)
+        self.remember(frame, len(trajectory) - 1)
+        if moving is None:
+            return 0.0
+        edge = frame[0].edge
+        edge.assign(edge.numpy() | moving)
+        return float(moving.mean())
+
+    def state(self) -> dict[str, np.ndarray]:
+        """What is remembered, as plain arrays."""
+        if not self.memory:
+            return {}
+        rows, depths = zip(*self.memory, strict=True)
+        return {"rows": np.array(rows, dtype=np.int64), "depths": np.stack(depths)}
+
+    def set_state(self, state: dict[str, np.ndarray]) -> None:
+        """Remember what `state` gave."""
+        self.memory.clear()
+        if state:
+            self.memory.extend(zip(state["rows"].tolist(), state["depths"], strict=True))
+
+    def find(self, frame: Sequence[FrameMaps], trajectory: Sequence[TrajectoryPoint]) -> np.ndarray | None:
+        """Mask of a frame's moving pixels, bool, shape (H, W) of the finest level; None if nothing moves."""
+        if not self.memory:
+            return None
+        vertex = frame[self.level].vertex
+        free = wp.empty(vertex.shape, dtype=wp.uint8, device=vertex.device)
+        known = {len(self.memory) - back for back in _COMPARED} | {0}
+        chosen = [self.memory[i] for i in sorted(known) if i >= 0]
+        T_world_camera = trajectory[-1].T_world_camera
+        to_past = [inverse(trajectory[row].T_world_camera) @ T_world_camera for row, _ in chosen]
+        surfels = self.config.surfels
+        was_free(
+            self.camera, vertex, to_past, [depth for _, depth in chosen], free=free,
+            margin=surfels.max_ray_distance, margin_z2=surfels.ray_distance_z2,
+        )  # fmt: skip
+        things = whole_things(free.numpy(), vertex.numpy()[..., 2], self.config.moving.min_share)
+        if not things.any():
+            return None
+        height, width = frame[0].vertex.shape
+        return cv2.resize(things, (width, height), interpolation=cv2.INTER_NEAREST).astype(bool)
+
+    def remember(self, frame: Sequence[FrameMaps], row: int) -> None:
+        """Remember a tracked frame, line `row` of the trajectory, for later ones."""
+        if row % _EVERY == 0:
+            depth = np.ascontiguousarray(frame[self.level].vertex.numpy()[..., 2])
+            # The nearest depth around each pixel: a silhouette may be a pixel off, and holes tell nothing.
+            self.memory.append((row, cv2.erode(depth, np.ones((3, 3), np.uint8))))
+
+
+def whole_things(free: np.ndarray, depth: np.ndarray, min_share: float) -> np.ndarray:
+    """Moving things from single pixels: specks are dropped, the rest of a thing is added.
+
+    Args:
+        free: uint8, shape (h, w), 1 where the point lies in what was free space.
+        depth: of the frame [m], shape (h, w), 0 where there is none.
+        min_share: smallest thing, as a share of the image.
+
+    Returns:
+        uint8, shape (h, w), 1 on moving things and a pixel around them.
+    """
+    square = np.ones((3, 3), np.uint8)
+    seeds = cv2.morphologyEx(free, cv2.MORPH_OPEN, square)
+    count, label, stats, _ = cv2.connectedComponentsWithStats(seeds, connectivity=8)
+    large = np.flatnonzero(stats[:, cv2.CC_STAT_AREA] >= max(min_share * free.size, 4))
+    seeds = np.isin(label, large[large > 0]).astype(np.uint8)
+    if count == 1 or not seeds.any():
+        return np.zeros_like(free)
+    # A slow thing hides part of where it was: a patch of continuous depth that is mostly moving moves as a whole.
+    step = cv2.morphologyEx(depth, cv2.MORPH_GRADIENT, square) > 0.05 + 0.02 * depth
+    patches = ((depth > 0) & ~step).astype(np.uint8)
+    _, patch = cv2.connectedComponents(patches, connectivity=4)
+    size = np.bincount(patch.ravel())
+    moving = np.bincount(patch.ravel(), weights=seeds.ravel())
+    whole = moving > 0.4 * size
+    whole[0] = False
+    return cv2.dilate(seeds | whole[patch].astype(np.uint8), square)
