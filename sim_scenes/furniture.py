@@ -6,10 +6,12 @@ centre at the origin, front towards -y.
 
 import numpy as np
 
+from dsmap.sim_scenes import beds, finishes
+from dsmap.sim_scenes.lofts import tube
 from dsmap.sim_scenes.looks import Looks
 from dsmap.sim_scenes.scene import Assembly
-from dsmap.sim_scenes.shapes import Shape, box, cushion, cylinder, lathe, rotation_x, sheet
-from dsmap.sim_scenes.textures import Rng, noise
+from dsmap.sim_scenes.shapes import box, cushion, cylinder, lathe, rotation_x
+from dsmap.sim_scenes.textures import Rng
 
 
 def _legs(
@@ -82,22 +84,42 @@ def chair(rng: Rng, looks: Looks) -> Assembly:
 
 
 def office_chair(rng: Rng, looks: Looks) -> Assembly:
-    """A swivel chair on five castors with an upholstered seat and back."""
-    piece = Assembly("chair")
-    cloth, sit = looks.fabric(), rng.uniform(0.44, 0.52)
+    """A swivel chair on five castors: a low task chair, a high-backed leather one, or one with a mesh back."""
+    piece, kind = Assembly("chair"), int(rng.integers(3))
+    cloth, sit = (finishes.leather(looks) if kind == 1 else looks.fabric()), rng.uniform(0.44, 0.52)
+    base = finishes.steel(looks) if rng.random() < 0.3 else finishes.dark(looks)
     for angle in np.arange(5) * 2 * np.pi / 5 + 0.3:
-        arm = box((0.3, 0.045, 0.035), (0.15, 0, 0.065), 0.008).moved(yaw=angle)
-        piece.add(arm, looks.metal)
-        piece.add(cylinder(0.028, 0.06, (0.28 * np.cos(angle), 0.28 * np.sin(angle), 0), 16), looks.metal)
-    piece.add(cylinder(0.03, sit - 0.12, (0, 0, 0.07), 20), looks.metal)
-    piece.add(cushion((0.5, 0.48, 0.11), (0, 0, sit - 0.09), 0.3), cloth)
-    piece.add(box((0.06, 0.03, 0.3), (0, 0.25, sit - 0.07)), looks.metal)
-    back = cushion((0.46, 0.09, rng.uniform(0.5, 0.62)), softness=0.35).turned(rotation_x(-0.12))
-    piece.add(back.moved((0, 0.22, sit + 0.1)), cloth)
-    if rng.random() < 0.6:
+        piece.add(box((0.3, 0.045, 0.035), (0.15, 0, 0.065), 0.008).moved(yaw=angle), base)
+        caster = (
+            cylinder(0.028, 0.045, sides=16).turned(rotation_x(np.pi / 2)).moved((0, 0.022, 0.028), angle)
+        )
+        piece.add(caster.moved((0.28 * np.cos(angle), 0.28 * np.sin(angle), 0)), finishes.dark(looks))
+    piece.add(cylinder(0.03, sit - 0.15, (0, 0, 0.07), 20), base)
+    piece.add(box((0.22, 0.2, 0.03), (0, 0, sit - 0.105)), base)
+    width = rng.uniform(0.46, 0.52)
+    piece.add(cushion((width, 0.48, 0.12 if kind == 1 else 0.09), (0, 0, sit - 0.08), 0.3), cloth)
+    tall = (rng.uniform(0.42, 0.52), rng.uniform(0.62, 0.72), rng.uniform(0.52, 0.62))[kind]
+    thick = (0.08, 0.12, 0.035)[kind]
+    low = 0.03 if kind == 1 else 0.1
+    piece.add(tube([(0, 0.1, sit - 0.09), (0, 0.25, sit - 0.06), (0, 0.29, sit + 0.3)], 0.02), base)
+    back = cushion((width - 0.03, thick, tall), softness=0.3).turned(rotation_x(-0.12))
+    piece.add(
+        back.moved((0, 0.22, sit + low)), finishes.dark(looks) if kind == 2 and rng.random() < 0.6 else cloth
+    )
+    if kind == 2 and rng.random() < 0.5:
+        piece.add(cushion((0.28, 0.07, 0.16), (0, 0.31, sit + tall + 0.13), 0.4), cloth)
+    if kind == 1 or rng.random() < 0.6:
         for side in (-1, 1):
-            piece.add(box((0.05, 0.26, 0.03), (side * 0.27, 0.02, sit + 0.19), 0.01), looks.metal)
-            piece.add(box((0.03, 0.04, 0.24), (side * 0.27, 0.06, sit - 0.05)), looks.metal)
+            piece.add(
+                box((0.06, 0.27, 0.03), (side * (width / 2 + 0.03), 0.02, sit + 0.19), 0.012),
+                finishes.dark(looks),
+            )
+            post = [
+                (side * 0.1, 0.06, sit - 0.09),
+                (side * (width / 2 + 0.03), 0.06, sit - 0.08),
+                (side * (width / 2 + 0.03), 0.06, sit + 0.2),
+            ]
+            piece.add(tube(post, 0.013), base)
     return piece
 
 
@@ -155,57 +177,5 @@ def coffee_table(rng: Rng, looks: Looks) -> Assembly:
 
 
 def bed(rng: Rng, looks: Looks) -> Assembly:
-    """A single or double bed: frame, headboard at +y, mattress, hanging blanket with folds, pillows."""
-    piece = Assembly("bed")
-    width, length = rng.choice([0.95, 1.4, 1.6, 1.8]), rng.uniform(1.98, 2.08)
-    wood, sheet_cloth, blanket = looks.wood(), looks.fabric(), looks.fabric()
-    rail, lying, head = rng.uniform(0.26, 0.34), rng.uniform(0.46, 0.56), rng.uniform(0.85, 1.15)
-    piece.add(box((width + 0.06, length + 0.04, 0.16), (0, 0, rail - 0.16), 0.012), wood)
-    _legs(piece, wood, width, length, rail - 0.15, 0.08, True)
-    if rng.random() < 0.5:
-        piece.add(box((width + 0.1, 0.1, head - 0.08), (0, length / 2 + 0.05, 0.08), 0.03), looks.fabric())
-    else:
-        piece.add(box((width + 0.08, 0.05, head - 0.15), (0, length / 2 + 0.03, 0.15), 0.012), wood)
-        for z in np.linspace(rail + 0.3, head - 0.14, 3):
-            piece.add(box((width - 0.12, 0.02, 0.1), (0, length / 2 - 0.005, z), 0.006), wood)
-    piece.add(cushion((width, length, lying - rail + 0.02), (0, -0.01, rail - 0.02), 0.12), sheet_cloth)
-    cover = length * rng.uniform(0.62, 0.78)
-    piece.add(
-        _blanket(rng, width + 0.1, cover, lying, rail - 0.06).moved((0, -length / 2 + cover / 2 - 0.04, 0)),
-        blanket,
-    )
-    count = 1 if width < 1.2 else 2
-    for k in range(count):
-        x = (k - (count - 1) / 2) * width / 2 + rng.uniform(-0.03, 0.03)
-        pillow = Assembly("objects")
-        pillow.add(
-            cushion((rng.uniform(0.55, 0.65), 0.4, 0.15), softness=0.5).turned(rotation_x(-0.2)),
-            looks.fabric(),
-        )
-        piece.attach(pillow, (x, length / 2 - 0.28, lying + 0.03), rng.uniform(-0.12, 0.12))
-    return piece
-
-
-def _blanket(rng: Rng, width: float, length: float, top: float, bottom: float) -> Shape:
-    """A blanket that lies on a mattress and hangs over both sides, with wrinkles; a closed sheet."""
-    drop = top - bottom
-    half = width / 2
-    across = np.concatenate(
-        [
-            np.linspace(-half - drop, -half, 8)[:-1],
-            np.linspace(-half, half, 33),
-            np.linspace(half, half + drop, 8)[1:],
-        ]
-    )
-    along = np.linspace(-length / 2, length / 2, 40)
-    hang = np.clip(np.abs(across) - half, 0, None)
-    x = np.sign(across) * (np.minimum(np.abs(across), half) + 0.012 * np.minimum(hang / 0.03, 1))
-    bump = 0.018 * noise(rng, (9, 11), (len(along), len(across))) + 0.009 * noise(
-        rng, (18, 20), (len(along), len(across))
-    )
-    falls = 1 / (1 + np.exp(-(hang - 0.04) / 0.01)) * np.sin(along * rng.uniform(14, 22))[:, None] * 0.018
-    points = np.empty((len(along), len(across), 3))
-    points[..., 0] = x + np.sign(across) * falls
-    points[..., 1] = along[:, None]
-    points[..., 2] = top + 0.03 - hang + np.where(hang > 0, 0.2, 1.0) * (bump + 0.012)
-    return sheet(points, 0.012)
+    """The bed of `beds`, of a random width."""
+    return beds.bed(rng, looks)

@@ -75,7 +75,7 @@ def garment_heap(rng: Rng, looks: Looks) -> Assembly:
     piece.add(crumpled(rng, size, depth=0.2), looks.fabric())
     if rng.random() < 0.6:
         piece.add(
-            crumpled(rng, size * [0.6, 0.65, 1.5], (rng.uniform(-0.05, 0.05), 0.02, 0), 0.2), looks.fabric()
+            crumpled(rng, size * [0.75, 0.7, 1.25], (rng.uniform(-0.08, 0.08), 0.03, 0), 0.2), looks.fabric()
         )
     return piece
 
