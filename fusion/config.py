@@ -94,7 +94,7 @@ class LoopConfig:
     """Gate: every diagonal entry of (J^T J)^-1 for E_icp + 0.1 E_rgb in metres (1e-5 for 100 E_icp + E_rgb)."""
     min_agreement: float = 0.7
     """Gate: share of the pixels seen in both views, after registration, that are one surface."""
-    min_ncc: float = 0.3
+    min_ncc: float = 0.4
     """Gate: correlation of the intensities, local mean taken off; another place of the same shape has other colours."""
     max_drift: float = 0.05
     """Gate: a loop moves the camera by at most this share of the way since, plus 5 cm."""

@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-import warp as wp
 
 from dsmap.fusion.config import LoopConfig
+from dsmap.fusion.relocalise import correlation
 from dsmap.fusion.tracker import Health, ModelView, Tracker
 
 _SLACK = 0.03
@@ -23,11 +23,13 @@ class Overlap:
     """Pixels that see one in either view."""
     same: float
     """Of these, the share where both are one surface."""
+    ncc: float
+    """Correlation of their intensities there, local mean taken off; 1 where they were not compared."""
 
 
-def overlap(active: wp.array, inactive: wp.array) -> Overlap:
-    """Compare two vertex maps of one camera, shapes (H, W)."""
-    a, b = (view.numpy()[..., 2] for view in (active, inactive))
+def overlap(active: tuple, inactive: tuple, colours: bool = False) -> Overlap:
+    """Compare two views of one camera, (vertex, normal, intensity) each, shapes (H, W)."""
+    a, b = (view[0].numpy()[..., 2] for view in (active, inactive))
     both = (a > 0) & (b > 0)
     same = both & (np.abs(a - b) < _SLACK + _SLACK_Z2 * a * a)
     count = np.count_nonzero(both)
@@ -35,6 +37,7 @@ def overlap(active: wp.array, inactive: wp.array) -> Overlap:
         inactive=np.count_nonzero(b) / b.size,
         both=count / a.size,
         same=np.count_nonzero(same) / count if count else 0.0,
+        ncc=correlation(active[2].numpy(), inactive[2].numpy(), same) if colours else 1.0,
     )
 
 
@@ -58,11 +61,14 @@ def objection(
         (health.inliers < config.min_inliers, f"only {health.inliers:.0f} pixels match"),
         (mean_square > config.max_mean_square, f"mean squared distance {mean_square:.1e} m^2"),
         (cofactor > config.max_covariance, f"covariance {cofactor:.1e}"),
-        (health.rms_rgb > config.max_rms_rgb, f"intensities differ by {health.rms_rgb:.2f}"),
         (shift > max_shift, f"a second registration moved on by {shift * 1e3:.1f} mm"),
         (
             seen is not None and seen.same < config.min_agreement,
             f"only {seen.same if seen else 0:.0%} of the surface agree",
+        ),
+        (
+            seen is not None and seen.ncc < config.min_ncc,
+            f"the colours do not correlate ({seen.ncc if seen else 0:.2f})",
         ),
     ]
     return next((text for bad, text in reasons if bad), "")

@@ -100,7 +100,9 @@ class LoopCloser:
         self.camera = cameras[self.level]
         iterations = (self.loops.iterations,) * len(cameras)
         # The gates here are the loops' own, not those of tracking.
-        self._tracker = Tracker(replace(config.track, iterations=iterations, min_inlier_fraction=0.0), cameras)
+        self._tracker = Tracker(
+            replace(config.track, iterations=iterations, min_inlier_fraction=0.0), cameras
+        )
         self._inactive, self._active = views.empty(self.level), views.empty(self.level)
         size = small_size(intrinsics, config.ferns.width)
         self.ferns = FernDatabase(config.ferns, size, (config.depth_min, config.depth_max), config.ferns.seed)
@@ -142,7 +144,7 @@ class LoopCloser:
 
     def _local(self, now: Moment) -> bool:
         self._render_inactive(now.T_world_camera, now.t_active)
-        seen = overlap(now.view.levels[self.level][0], self._inactive.vertex)
+        seen = overlap(now.view.levels[self.level], (self._inactive.vertex,))
         if seen.inactive < _MIN_STRIP:
             return False
         inactive = self.views.pyramid(now.T_world_camera, self._inactive, self.level)
@@ -186,7 +188,7 @@ class LoopCloser:
         T_inactive_active, health = self._register(now, inactive)
         points = now.view.levels[self.level][0].numpy()
         again = _rms_shift(points, T_inactive_active)
-        seen = overlap(now.view.levels[self.level][0], self._inactive.vertex)
+        seen = overlap(now.view.levels[self.level], inactive.levels[self.level], colours=True)
         self.rejected = objection(health, self.loops, seen, again, _TIGHT * self.loops.negligible)
         if self.rejected:
             return False

@@ -164,7 +164,7 @@ def agreement(frame: FrameMaps, model: ModelView, config: RelocaliseConfig) -> A
     through = both & (z > farthest + slack)
     same = both & ~through & (z > nearest - slack)
     total = max(np.count_nonzero(both), 1)
-    ncc = _correlation(
+    ncc = correlation(
         frame.intensity.numpy()[::skip, ::skip], model.levels[0][2].numpy()[::skip, ::skip], same
     )
     return Agreement(
@@ -189,7 +189,7 @@ def disagreement(found: Agreement, config: RelocaliseConfig) -> str:
     return next((text for bad, text in reasons if bad), "")
 
 
-def _correlation(a: np.ndarray, b: np.ndarray, mask: np.ndarray) -> float:
+def correlation(a: np.ndarray, b: np.ndarray, mask: np.ndarray) -> float:
     """Correlation of two intensity images within a mask, after the local mean is taken off both.
 
     Without that, any bright wall over any dark floor would correlate.
