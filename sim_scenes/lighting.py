@@ -65,6 +65,8 @@ def light(rng: Rng, looks: Looks, layouts: Sequence[Layout]) -> None:
         if panes and rng.random() < 0.5:
             lights.append(_sun(rng, panes[0]))
         lights += [_stand_lamp(piece) for piece in scene.pieces if _is_lamp(piece, layout.index)]
+        if len(layouts) == 1:  # shadows are half the cost; between rooms, walls must hold all lights
+            lights[1:] = [replace(v, shadow=v.cutoff is not None) for v in lights[1:]]
         by_room.append(lights)
     if not mood.daylight:
         _night(scene)
@@ -97,14 +99,14 @@ def _from_window(rng: Rng, window: Piece, colour: np.ndarray) -> Light:
 
 
 def _sun(rng: Rng, window: Piece) -> Light:
-    """A beam of sun from a window's upper edge down into the room: a bright patch with hard shadows."""
+    """A beam of sun from a window's upper edge down into the room: a bright, soft-edged patch with hard shadows."""
     high = window.assembly.bounds()[1]
     frame = window.T_world_piece
     at = frame @ np.array([rng.uniform(-0.2, 0.2), -0.12, min(high[2], 2.2) - 0.1, 1.0])
     down = np.array([rng.uniform(-0.6, 0.6), -1.0, -rng.uniform(0.8, 1.3)])
     colour = np.array([1.0, 0.9, 0.74])
     direction = frame[:3, :3] @ (down / np.linalg.norm(down))
-    return Light(at[:3], colour, 0.3 * colour, direction, True, None, rng.uniform(14, 24))
+    return Light(at[:3], colour, 0.3 * colour, direction, True, None, 50.0)
 
 
 def _is_lamp(piece: Piece, room: int) -> bool:
@@ -205,3 +207,30 @@ def _received(lamp: Light, points: np.ndarray, normals: np.ndarray) -> np.ndarra
     distance = np.linalg.norm(to_light, axis=1)
     falloff = 1.0 if lamp.reach is None else 1 / (1 + (distance / lamp.reach) ** 2)
     return power * falloff * np.clip((normals * to_light).sum(1) / distance, 0, None)
+
+
+def moved(lamp: Light, rotation: np.ndarray, shift: np.ndarray) -> Light:
+    """A light turned about the origin by `rotation` (3, 3), then shifted."""
+    turned = None if lamp.direction is None else rotation @ lamp.direction
+    return replace(lamp, position=rotation @ lamp.position + shift, direction=turned)
+
+
+def ceiling_lights(room: Room) -> list[Light]:
+    """Up to six lamps spread under the ceiling of a room of unknown contents, about one for 20 square metres."""
+    width, depth = room.high - room.low
+    across = int(np.clip(round(width / 4.5), 1, 3))
+    along = int(np.clip(round(depth / 4.5), 1, 2))
+    white = np.array(WHITE)
+    return [
+        Light(np.array([*(room.low + [width * (i + 0.5) / across, depth * (j + 0.5) / along]), 0.85 * room.height]),
+              white, 0.3 * white, None, True, 4.0)
+        for i in range(across) for j in range(along)
+    ]  # fmt: skip
+
+
+def imported(scene: Scene, lights: Sequence[Light]) -> None:
+    """Light a scene of one room from outside with given lights, as many as there may be, well exposed."""
+    fills = [_fill((0.3, -0.5, 1.0), 0.16), _fill((-0.7, 0.45, -0.5), 0.08)]
+    scene.ambient = np.full(3, 0.35)
+    kept = [(0, lamp) for lamp in lights[: MAX_LIGHTS - len(fills)]]
+    scene.lights = _exposed(scene, kept, fills, 0.95) + fills

@@ -10,7 +10,7 @@ from dsmap.frame import Intrinsics
 from dsmap.sim_scenes.scene import MAX_LIGHTS, Light, Scene
 from dsmap.sim_scenes.shapes import Shape
 
-SPOT_EXPONENT = 4.0
+SPOT_EXPONENT = 25.0
 """Spot lights fade towards their rim as the cosine to this power."""
 NEAR, FAR = 0.02, 50.0
 """Clipping distances [m]."""

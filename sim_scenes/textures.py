@@ -133,7 +133,7 @@ def fabric(rng: Rng, colour: Colour) -> np.ndarray:
 
 def motif(rng: Rng, colour: Colour, second: Colour) -> np.ndarray:
     """A printed cloth or wallpaper: a symmetric figure drawn from low-frequency noise, repeated. Tile about 1 m."""
-    repeat = int(rng.integers(2, 5))
+    repeat = int(rng.integers(3, 7))
     size = SIZE // repeat
     lump = noise(rng, (6, 6), (size, size))
     figure = lump + lump[:, ::-1] + (0.5 * (lump[::-1] + lump[::-1, ::-1]) if rng.random() < 0.5 else 0)
