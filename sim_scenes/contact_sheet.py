@@ -13,8 +13,8 @@ from dsmap.classes import CLASS_NAMES, NUM_CLASSES, PALETTE, colourise
 from dsmap.errors import InputError
 from dsmap.files import atomic_path
 from dsmap.sim_scenes.dataset import plan
+from dsmap.sim_scenes.open_scene import open_scene
 from dsmap.sim_scenes.record import RenderOptions, iter_frames
-from dsmap.sim_scenes.rooms import build_scene
 
 _VIEWS = 4
 """Views rendered of each scene; the one that shows the most classes is taken."""
@@ -57,7 +57,7 @@ def contact_sheet(
 
 def best_view(options: RenderOptions) -> np.ndarray:
     """The view of a scene that shows the most classes: colour beside classes, uint8 (H, 2 W, 3)."""
-    frames = list(iter_frames(build_scene(options.scene, options.seed), options))
+    frames = list(iter_frames(open_scene(options), options))
     frame = max(frames, key=lambda f: _variety(f.label))
     return np.concatenate([frame.rgb, colourise(frame.label)], 1)
 

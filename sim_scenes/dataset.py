@@ -7,6 +7,7 @@ it is whole, so a folder with its final name is complete, and running the same c
 import json
 import os
 import shutil
+import socket
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
@@ -162,6 +163,7 @@ def run_ray(tasks: list[Task], address: str, done: Callable[[Path], None]) -> No
     """
     import ray
 
+    _check_reachable(address)
     try:
         ray.init(address=None if address == "local" else address, log_to_driver=False)
     except (ConnectionError, ValueError, RuntimeError) as error:
@@ -179,6 +181,19 @@ def run_ray(tasks: list[Task], address: str, done: Callable[[Path], None]) -> No
         raise error.cause from error
     finally:
         ray.shutdown()
+
+
+def _check_reachable(address: str) -> None:
+    """Ray itself waits for minutes where nobody answers."""
+    host, _, port = address.removeprefix("ray://").rpartition(":")
+    if not host:
+        return  # `local`, `auto`
+    try:
+        socket.create_connection((host, int(port)), timeout=5.0).close()
+    except (OSError, ValueError) as error:
+        raise InputError(
+            f"--ray {address}: nobody answers there ({error}); expected `local`, `auto` or host:port"
+        ) from error
 
 
 def _ray_task(task: Task) -> Path:

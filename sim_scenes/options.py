@@ -19,6 +19,7 @@ class RenderOptions:
     """What to render. Everything but `renderer` and `jobs` follows from these values to the byte."""
 
     scene: str = "living_room"
+    """Kind of room (`rooms.SCENES`), or a scene file (`importers.FORMATS`)."""
     seed: int = 1
     frames: int = 300
     """0 = as many as the round trip takes (path `loop` only)."""
@@ -35,6 +36,10 @@ class RenderOptions:
     """What the colour camera does to its pictures: `none`, `mild`, `strong` (`image_effects`)."""
     distortion: bool = False
     """Give the lens a distortion drawn by the seed (`calibration.yaml` has it; renderer `warp` only)."""
+    class_map: str | None = None
+    """For a scene file: YAML or CSV of its names or ids and their classes (`class_map`); None = built-in names."""
+    up: str | None = None
+    """For a scene file: `y` or `z`; None = what its format says."""
     renderer: str = "warp"
     jobs: int = 1
     """Frames rendered side by side (threads); the result does not depend on it."""

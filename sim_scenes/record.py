@@ -16,9 +16,9 @@ from dsmap.files import atomic_path
 from dsmap.sequences import SequenceWriter
 from dsmap.sequences.mesh import LabelledMesh, write_mesh
 from dsmap.sim_scenes.image_effects import apply, exposure_flow, tremor
+from dsmap.sim_scenes.open_scene import open_scene
 from dsmap.sim_scenes.options import RenderOptions, Take, plan_take
 from dsmap.sim_scenes.render import Image, Renderer, open_renderer, part_tables
-from dsmap.sim_scenes.rooms import build_scene
 from dsmap.sim_scenes.scene import Scene
 from dsmap.sim_scenes.sensors import SENSORS
 
@@ -147,7 +147,7 @@ def render_sequence(
         InputError: bad options, an existing sequence, or a folder that cannot be written.
     """
     options.check()
-    scene = build_scene(options.scene, options.seed)
+    scene = open_scene(options)
     take = plan_take(scene, options)
     targets = [(out, options)] + ([(clean_copy, replace(options, noise="none"))] if clean_copy else [])
     with contextlib.ExitStack() as stack:

@@ -116,5 +116,5 @@ def test_ray_renders_the_same_scenes(tmp_path: Path) -> None:
     run_local([local], 1, done.append)
     assert len(done) == 3
     assert contents(tmp_path / "ray" / local.folder.name) == contents(local.folder)
-    with pytest.raises(InputError, match="no cluster there"):
+    with pytest.raises(InputError, match="nobody answers there"):
         run_ray([Task(tmp_path / "x", base)], "127.0.0.1:1", done.append)

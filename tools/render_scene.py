@@ -12,7 +12,7 @@ import tyro
 from tqdm import tqdm
 
 from dsmap.errors import InputError
-from dsmap.tools.parse import parse_size
+from dsmap.tools.parse import parse_intrinsics, parse_size
 
 if TYPE_CHECKING:
     from dsmap.sim_scenes.record import RenderedFrame, RenderOptions
@@ -25,21 +25,34 @@ class Args:
     out: tyro.conf.Positional[Path]
     """New folder for the sequence (TUM layout with labels, instances, poses and the ground-truth mesh)."""
     scene: str = "living_room"
-    """Kind of room: living_room, bedroom, ...; `mix` (with --count) draws the kinds of a training set."""
-    frames: int = 300
-    """Number of frames; more frames continue the tour."""
+    """Kind of room: living_room, bedroom, office, kitchen, bathroom, corridor, flat (several rooms joined by
+    doors); with --count also `mix`, the kinds of a training set. Or a scene of your own: .glb, .gltf, .obj,
+    .ply with labels, MuJoCo .xml."""
+    class_map: Path | None = None
+    """For a scene file: YAML or CSV that maps its names or ids to classes."""
+    up: Literal["y", "z"] | None = None
+    """For a scene file: which axis points up; default what its format says."""
+    frames: int | None = None
+    """Number of frames; default 300, or with --path loop as many as the round trip takes."""
     size: str = "640x480"
     """Image size, WIDTHxHEIGHT."""
     fps: float = 30.0
     """Frames a second of the recording."""
     seed: int = 1
     """Layout, sizes, colours, textures, lights, camera path and noise all follow from it."""
-    noise: Literal["none", "kinect"] = "none"
-    """Depth noise: none, or like a Kinect v1 (colour and poses stay the same)."""
+    path: Literal["walk", "views", "loop", "fast", "cover", "jump"] = "walk"
+    """walk = a hand-held video; views = unrelated viewpoints, for training; loop = a round trip. To try a
+    tracker: fast = walk with bursts of fast rotation, cover = with a covered lens, jump = carried elsewhere."""
+    noise: Literal["none", "kinect", "d435", "azure"] = "none"
+    """Depth sensor to imitate: Kinect v1, RealSense D435, Azure Kinect (colour and poses stay the same)."""
+    effects: Literal["none", "mild", "strong"] = "none"
+    """What a camera does to colour: exposure, white balance, motion blur, noise, vignetting, compression."""
+    intrinsics: str | None = None
+    """fx,fy,cx,cy [px], integer pixel centres; default those of the sensor."""
+    distortion: bool = False
+    """Give the lens a distortion (stated in calibration.yaml; renderer warp only)."""
     clean_copy: Path | None = None
     """With --noise: a second folder for the same recording without noise, rendered only once."""
-    path: Literal["walk", "views"] = "walk"
-    """walk = a hand-held video; views = unrelated viewpoints, for training."""
     renderer: Literal["warp", "mujoco", "pyrender"] = "warp"
     """warp = ray tracer that needs no OpenGL; mujoco and pyrender need libEGL or a screen."""
     jobs: int = 0
@@ -56,7 +69,7 @@ class Args:
 def main(args: Args) -> None:
     """Render and say what was written."""
     if args.clean_copy and (args.noise == "none" or args.count):
-        raise InputError("--clean-copy is for one sequence with --noise; expected it without --count")
+        raise InputError("--clean-copy is given without --noise or with --count; expected one noisy sequence")
     if args.ray and not args.count:
         raise InputError("--ray is given without --count; expected the number of scenes")
     if args.scene == "mix" and not args.count:
@@ -73,9 +86,12 @@ def _options(args: Args, jobs: int) -> "RenderOptions":
     from dsmap.sim_scenes.record import RenderOptions
 
     width, height = parse_size(args.size) or (640, 480)
+    frames = args.frames if args.frames is not None else 0 if args.path == "loop" else 300
     return RenderOptions(
-        scene=args.scene, seed=args.seed, frames=args.frames, width=width, height=height, fps=args.fps,
-        noise=args.noise, path=args.path, renderer=args.renderer, jobs=jobs,
+        scene=args.scene, seed=args.seed, frames=frames, width=width, height=height, fps=args.fps,
+        noise=args.noise, path=args.path, intrinsics=parse_intrinsics(args.intrinsics), effects=args.effects,
+        distortion=args.distortion, class_map=str(args.class_map) if args.class_map else None, up=args.up,
+        renderer=args.renderer, jobs=jobs,
     )  # fmt: skip
 
 
@@ -93,9 +109,8 @@ def _one(args: Args) -> None:
     out = render_sequence(
         args.out, options, clean_copy=args.clean_copy, overwrite=args.overwrite, progress=progress
     )
-    print(
-        f"{out}: {args.frames} frames of {args.scene} seed {args.seed}, {args.size}, depth noise: {args.noise}"
-    )
+    count = sum(not line.startswith("#") for line in (out / "rgb.txt").read_text().splitlines())
+    print(f"{out}: {count} frames of {args.scene} seed {args.seed}, {args.size}, depth noise: {args.noise}")
 
 
 def _many(args: Args) -> None:
