@@ -11,6 +11,7 @@ from dsmap.sim_scenes.furnish import Furnisher
 from dsmap.sim_scenes.layout import Layout
 from dsmap.sim_scenes.looks import Looks
 from dsmap.sim_scenes.scene import Scene
+from dsmap.sim_scenes.strew import strew
 from dsmap.sim_scenes.textures import Rng
 
 
@@ -78,4 +79,5 @@ def _finish(rng: Rng, looks: Looks, layout: Layout, plan: blueprint.Blueprint) -
     furnisher = Furnisher(rng, looks, layout)
     target = kind.furnish(furnisher)
     furnisher.pictures(int(rng.integers(kind.pictures[0], kind.pictures[1] + 1)))
+    strew(rng, looks, layout, rng.uniform(0.0, 0.6))
     return target

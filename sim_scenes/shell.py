@@ -72,10 +72,12 @@ def _skirting(body: Assembly, looks: Looks, wall: Wall, holes: Sequence[Opening]
 
 
 def _sockets(rng: Rng, looks: Looks, layout: Layout, wall: Wall, holes: Sequence[Opening]) -> None:
+    gaps = [(hole.x0 - 0.2, hole.x1 + 0.2) for hole in holes]
     for _ in range(int(rng.integers(1, 3))):
         x = rng.uniform(-wall.length / 2 + 0.2, wall.length / 2 - 0.2)
-        if any(hole.x0 - 0.2 < x < hole.x1 + 0.2 for hole in holes):
+        if any(x0 < x < x1 for x0, x1 in gaps):
             continue
+        gaps.append((x - 0.2, x + 0.2))
         socket = Assembly("objects", name="socket")
         socket.add(box((0.15, 0.012, 0.08), (0, -0.006, 0.26), 0.003), looks.white)
         for side in (-1, 1):

@@ -1,0 +1,133 @@
+"""Convex bodies for physics: every connected piece of every mesh as a box where it is one, else as its hull."""
+
+# pyright: reportAttributeAccessIssue=false
+# (MuJoCo fills its module at run time.)
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from dsmap.sim_scenes.scene import Assembly
+from dsmap.sim_scenes.shapes import Shape
+
+BOXY = 0.9
+"""A mesh that fills this share of its own turned bounding box collides as that box."""
+THIN = 0.002
+"""Least size of a collider [m]."""
+
+
+@dataclass(frozen=True)
+class Collider:
+    """A convex body in its assembly's frame: a turned box, or the hull of points."""
+
+    centre: np.ndarray
+    """Shape (3,)."""
+    rotation: np.ndarray
+    """Shape (3, 3): columns are the box's axes."""
+    half: np.ndarray
+    """Half sizes along the axes, shape (3,)."""
+    hull: np.ndarray | None
+    """Points [m], shape (N, 3); None = it is the box itself."""
+
+    def corners(self) -> np.ndarray:
+        """Points whose hull holds the body, shape (N, 3)."""
+        if self.hull is not None:
+            return self.hull
+        signs = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).T.reshape(-1, 3)
+        return self.centre + (signs * self.half) @ self.rotation.T
+
+    def moved(self, T: np.ndarray) -> "Collider":
+        """As seen from where `T` (4, 4) takes its frame."""
+        turn, shift = T[:3, :3], T[:3, 3]
+        hull = None if self.hull is None else self.hull @ turn.T + shift
+        return Collider(turn @ self.centre + shift, turn @ self.rotation, self.half, hull)
+
+
+def colliders_of(assembly: Assembly) -> list[Collider]:
+    """The colliders of an assembly with all that stands on it, in its frame."""
+    return [c for shape, *_ in assembly.parts for c in _of_shape(shape)]
+
+
+def hull_of(assembly: Assembly) -> Collider:
+    """One collider for a small thing."""
+    found = colliders_of(assembly)
+    if len(found) == 1:
+        return found[0]
+    points = np.concatenate([c.corners() for c in found])
+    return Collider(points.mean(0), np.eye(3), np.ptp(points, axis=0) / 2, points)
+
+
+def _of_shape(shape: Shape) -> list[Collider]:
+    """One collider for each connected piece of a mesh (whose faces need not be welded)."""
+    keys = np.round(shape.vertices * 1e4).astype(np.int64)
+    _, first, weld = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+    faces, points = weld.ravel()[shape.faces], shape.vertices[first]
+    if len(points) <= 8:
+        return [_convex(points, faces)]
+    edges = np.concatenate([faces[:, :2], faces[:, 1:]])
+    graph = coo_matrix((np.ones(len(edges)), edges.T), shape=(len(points), len(points)))
+    count, owner = connected_components(graph, directed=False)
+    if count == 1:
+        return [_convex(points, faces)]
+    found = []
+    for k in range(count):
+        own = np.flatnonzero(owner == k)
+        if len(own) >= 4:
+            number = np.full(len(points), -1)
+            number[own] = np.arange(len(own))
+            found.append(_convex(points[own], number[faces[owner[faces[:, 0]] == k]]))
+    return found
+
+
+def _convex(points: np.ndarray, faces: np.ndarray) -> Collider:
+    """Box or hull of one closed mesh."""
+    a, b, c = points[faces].transpose(1, 0, 2)
+    cross = np.cross(b - a, c - a)
+    area = np.linalg.norm(cross, axis=1)
+    normal = cross / np.maximum(area, 1e-15)[:, None]
+    first = normal[int(np.argmax(area))]
+    aside = np.where(np.abs(normal @ first) < 0.02, area, 0.0)
+    across = normal[int(np.argmax(aside))] if aside.max() > 0 else np.eye(3)[int(np.argmin(np.abs(first)))]
+    second = across - (across @ first) * first
+    second /= np.linalg.norm(second)
+    rotation = np.stack([first, second, np.cross(first, second)], 1)
+    along = points @ rotation
+    low, high = along.min(0), along.max(0)
+    half = np.maximum((high - low) / 2, THIN / 2)
+    volume = float(np.einsum("ij,ij->i", a - points[0], cross).sum()) / 6
+    centre = rotation @ ((low + high) / 2)
+    boxy = volume > BOXY * 8 * float(np.prod(half)) or (high - low).min() < THIN
+    return Collider(centre, rotation, half, None if boxy else points)
+
+
+def add_geoms(
+    spec: mujoco.MjSpec, body: mujoco.MjsBody, colliders: Sequence[Collider], name: str, **options: object
+) -> None:
+    """Give a body of a MuJoCo specification these colliders as geoms; hulls become meshes called after `name`."""
+    for k, collider in enumerate(colliders):
+        if collider.hull is None:
+            quaternion = np.empty(4)
+            mujoco.mju_mat2Quat(quaternion, _right_handed(collider.rotation).ravel())
+            body.add_geom(
+                type=mujoco.mjtGeom.mjGEOM_BOX,
+                size=collider.half,
+                pos=collider.centre,
+                quat=quaternion,
+                **options,
+            )
+            continue
+        spec.add_mesh(
+            name=f"{name}_{k}",
+            uservert=collider.hull.astype(np.float32).ravel(),
+            inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX,
+            maxhullvert=200,
+        )
+        body.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname=f"{name}_{k}", **options)
+
+
+def _right_handed(rotation: np.ndarray) -> np.ndarray:
+    return rotation * np.array([1, 1, np.sign(np.linalg.det(rotation))])
