@@ -18,6 +18,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
         "Time frames in maps of 0.1 to 10 million surfels with the same view.",
     ),
     "render-scene": ("dsmap.tools.render_scene", "Render a labelled RGB-D sequence of a synthetic room."),
+    "bench-render": ("dsmap.tools.bench_render", "Frames a second of every renderer."),
     "contact-sheet": (
         "dsmap.tools.contact_sheet",
         "Render one view of each of many scenes into one picture.",
@@ -26,7 +27,8 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "train": ("dsmap.tools.train", "Train DS-Net on sequences or on images with labels."),
     "cut": ("dsmap.tools.cut", "Copy a stretch of a recording into a new sequence in the TUM layout."),
 }
-"""Command name to (module, one line of help). Each module has `Args` (a dataclass) and `main(args)`."""
+"""Command name to (module, one line of help). Each module has `Args` (a dataclass) and `main(args)`, and may have
+`defaults(argv)`: an Args that stands for the flags not given."""
 
 _PACKAGE_EXTRA = {
     "torch": "dsnet", "mujoco": "sim", "mujoco_warp": "sim", "trimesh": "sim",
@@ -49,7 +51,10 @@ def run(command: str, argv: list[str]) -> int:
     """Parse `argv` for one command and run it; returns the exit code."""
     try:
         module = importlib.import_module(COMMANDS[command][0])
-        args = tyro.cli(module.Args, args=argv, prog=f"dsmap {command}", description=COMMANDS[command][1])
+        about = {"prog": f"dsmap {command}", "description": COMMANDS[command][1]}
+        if hasattr(module, "defaults"):  # a configuration file or a checkpoint says what flags not given mean
+            about["default"] = module.defaults(argv)
+        args = tyro.cli(module.Args, args=argv, **about)
         return int(module.main(args) or 0)
     except InputError as error:
         print(f"dsmap {command}: {error}", file=sys.stderr)
