@@ -13,6 +13,10 @@ OUTER, INNER = 0.16, 0.06
 """Thickness of an outer wall and of one room's half of a wall between rooms [m]."""
 
 
+SILLS = {"bathroom": (1.2, (0.6, 0.95)), "corridor": (1.0, (0.6, 0.95)), "kitchen": (1.06, (0.9, 1.5))}
+"""Room kind to the height of window sills and the range of window widths, where it differs [m]."""
+
+
 @dataclass
 class Blueprint:
     """What is built before furniture comes."""
@@ -47,11 +51,11 @@ def door_in(rng: Rng, wall: Wall) -> Opening:
     return Opening(x - width / 2, x + width / 2, 0.0, height, CLOSED)
 
 
-def window_in(rng: Rng, wall: Wall, others: list[Opening], high_sill: bool = False) -> list[Opening]:
-    """A window somewhere in a wall; nothing where the wall is too short or its doors leave no room."""
-    low = rng.uniform(1.15, 1.35) if high_sill else rng.uniform(0.82, 0.98)
-    high = min(rng.uniform(2.05, 2.25), wall.height - 0.22)
-    width = min(rng.uniform(0.6, 0.95) if high_sill else rng.uniform(1.2, 1.9), wall.length - 0.8)
+def window_in(rng: Rng, wall: Wall, kind: str, others: list[Opening]) -> list[Opening]:
+    """A window somewhere in a wall of a kind of room; nothing where its doors leave no room for one."""
+    sill, widths = SILLS.get(kind, (0.85, (1.2, 1.9)))
+    low, high = sill + rng.uniform(0.0, 0.15), min(rng.uniform(2.05, 2.25), wall.height - 0.28)
+    width = min(rng.uniform(*widths), wall.length - 0.8)
     for _ in range(8):
         x = rng.uniform(-1, 1) * max(0.0, wall.length / 2 - width / 2 - 0.45)
         hole = Opening(x - width / 2, x + width / 2, low, high, WINDOW)
@@ -72,5 +76,5 @@ def single(rng: Rng, kind: str, size: np.ndarray) -> Blueprint:
         holes[order[3]] = [door_in(rng, walls[order[3]])]
     holes[order[0]] = [door_in(rng, walls[order[0]])]
     for k in order[1 : 2 + int(rng.random() < 0.35)]:
-        holes[k] = window_in(rng, walls[k], [], kind in ("bathroom", "corridor"))
+        holes[k] = window_in(rng, walls[k], kind, [])
     return Blueprint([room], [], [holes], [[OUTER] * 4])

@@ -74,7 +74,7 @@ def _windows(rng: Rng, room: Room, holes: list[list[Opening]], thick: list[float
     for n, k in enumerate(outer):
         if n == 0 or rng.random() < 0.5:
             wall = walls_of(room)[k]
-            holes[k] += window_in(rng, wall, holes[k], room.kind in ("bathroom", "corridor"))
+            holes[k] += window_in(rng, wall, room.kind, holes[k])
 
 
 def _doors(rng: Rng, tiling: Tiling, rooms: list[Room]) -> list[Door]:

@@ -85,6 +85,11 @@ class Block:
         return True
 
 
+def strip(wall: Wall, x0: float, x1: float, near: float, far: float) -> np.ndarray:
+    """Corners of the floor before a stretch of wall, shape (4, 2)."""
+    return np.array([wall.point(x1, near), wall.point(x0, near), wall.point(x0, far), wall.point(x1, far)])
+
+
 class Layout:
     """Places assemblies in one room of a scene and remembers the space they take."""
 
@@ -116,8 +121,7 @@ class Layout:
 
     def keep_out(self, wall: Wall, x0: float, x1: float, out: float, height: float = 2.1) -> None:
         """Leave the floor before a stretch of wall free; people may walk there."""
-        corners = [wall.point(x1, 0.0), wall.point(x0, 0.0), wall.point(x0, out), wall.point(x1, out)]
-        self.taken.append(Block(np.array(corners), 0.0, height))
+        self.taken.append(Block(strip(wall, x0, x1, 0.0, out), 0.0, height))
 
     def fits(self, block: Block, gap: float = GAP, ignore: Sequence[Block] = ()) -> bool:
         """Whether a block lies inside the room and off everything that was placed."""
@@ -154,30 +158,62 @@ class Layout:
             self.scene.targets.append(np.array([*block.corners.mean(0), 0.3 * low[2] + 0.7 * high[2]]))
         return block
 
-    def against(self, piece: Assembly, wall: Wall, x: float | None = None, out: float = GAP) -> float | None:
-        """Stand a piece with its back to a wall, at `x` or at a random free place; returns x or None."""
+    def against(
+        self, piece: Assembly, wall: Wall, x: float | None = None, out: float = GAP, front: float = 0.0
+    ) -> float | None:
+        """Stand a piece with its back to a wall, at `x` or at a random free place; returns x or None.
+
+        Args:
+            out: air behind it [m].
+            front: floor before it that stays free for whoever uses it [m].
+        """
         low, high = piece.bounds()
+        reach = float(high[1] - low[1]) + out
         for at in self._tries(wall, low[0] - GAP, high[0] + GAP, x, 24):
-            left, right = at + low[0], at + high[0]
+            left, right = float(at + low[0]), float(at + high[0])
             if not wall.free(left, right, 0.0, float(high[2]), 0.0):
+                continue
+            apron = Block(strip(wall, left, right, reach, reach + front), 0.0, 1.0)
+            if front and not self.fits(apron, 0.0):
                 continue
             if self.stand(piece, wall.point(at, float(high[1]) + out), wall.yaw):
                 wall.busy.append((left, right, 0.0, float(high[2])))
+                if front:
+                    self.taken.append(apron)
                 return at
         return None
+
+    def stretches(self, wall: Wall, height: float) -> list[tuple[float, float]]:
+        """Parts x0..x1 of a wall that nothing lower than `height` takes, neither on it nor before it; widest first."""
+        edges = np.arange(-wall.length / 2 + GAP, wall.length / 2 - GAP, 0.05)
+        free = [
+            wall.free(x, x + 0.05, 0.0, height, 0.0)
+            and self.fits(Block(strip(wall, x, x + 0.05, 0.05, 0.6), 0.0, height), 0.0)
+            for x in edges
+        ]
+        found, start = [], None
+        for x, good in zip([*edges, edges[-1] + 0.05], [*free, False], strict=True):
+            if good and start is None:
+                start = float(x)
+            elif not good and start is not None:
+                found.append((start, float(x)))
+                start = None
+        return sorted(found, key=lambda s: s[0] - s[1])
 
     def hang(self, piece: Assembly, wall: Wall, x: float | None, bottom: float) -> float | None:
         """Hang a piece with its lower edge `bottom` metres up, at `x` or at a random free place."""
         low, high = piece.bounds()
         for at in self._tries(wall, low[0] - 0.05, high[0] + 0.05, x, 16):
-            left, right = at + low[0], at + high[0]
+            left, right = float(at + low[0]), float(at + high[0])
             xy = wall.point(at, float(high[1]) + 0.002)
             block = self.block(piece, xy, wall.yaw, bottom)
-            if wall.free(left, right, bottom, bottom + float(high[2])) and self.fits(block, 0.02):
+            if block.high > wall.height - 0.09 or block.low < 0.1:
+                return None
+            if wall.free(left, right, block.low, block.high, 0.02) and self.fits(block, 0.02):
                 self.scene.place(piece, (*xy, bottom), wall.yaw, room=self.index)
-                wall.busy.append((left, right, bottom, bottom + float(high[2])))
+                wall.busy.append((left, right, block.low, block.high))
                 self.taken.append(block)
-                middle = bottom + float(high[2]) / 2
+                middle = (block.low + block.high) / 2
                 self.scene.targets.append(np.array([*wall.point(at, 0.0), min(middle, 1.25)]))
                 return at
         return None

@@ -4,11 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dsmap.sim_scenes import textures_art
-from dsmap.sim_scenes.layout import Layout, Wall
+from dsmap.sim_scenes import textures_art, window_dressing
+from dsmap.sim_scenes.layout import Block, Layout, Wall, strip
 from dsmap.sim_scenes.looks import Looks
 from dsmap.sim_scenes.scene import Assembly
-from dsmap.sim_scenes.shapes import Shape, box, cylinder, panel, sheet
+from dsmap.sim_scenes.shapes import Shape, box, panel
 from dsmap.sim_scenes.textures import Rng
 
 CASING, LINING = 0.075, 0.022
@@ -140,34 +140,29 @@ def _window(rng: Rng, looks: Looks, layout: Layout, wall: Wall, opening: Opening
 
 
 def _dressing(rng: Rng, looks: Looks, layout: Layout, wall: Wall, opening: Opening, piece: Assembly) -> float:
-    """Curtains where there is room beside the window; returns how far it reaches from its middle [m]."""
-    width, low, high = opening.width, opening.z0, opening.z1
+    """Curtains or a blind, as there is room beside the window; returns how far it reaches from its middle [m]."""
     aside = min(opening.x0 + wall.length / 2, wall.length / 2 - opening.x1)
-    if low > 1.1 or aside < 0.32:
-        return width / 2 + 0.05
-    curtain = min(rng.uniform(0.3, 0.5), 2 * aside - 0.15)
-    cloth, foot, top = looks.fabric(), 0.04 if rng.random() < 0.6 else low - 0.25, high + 0.12
-    for side in (-1, 1):
-        folds = _curtain(rng, curtain, top - foot)
-        piece.add(folds.moved((side * (width / 2 + 0.02), -0.15, foot)), cloth)
-        edge = opening.x + side * (width / 2 + 0.02)
-        wall.busy.append((edge - curtain / 2 - 0.03, edge + curtain / 2 + 0.03, foot, top))
-        if foot < 0.5:
-            layout.keep_out(wall, edge - curtain / 2 - 0.02, edge + curtain / 2 + 0.02, 0.2, top)
-    rod = cylinder(0.014, width + curtain + 0.12, sides=16)
-    rod = rod.turned(np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]]))
-    piece.add(rod.moved((-(width / 2 + curtain / 2 + 0.06), -0.15, top + 0.012)), looks.metal)
-    return width / 2 + curtain / 2 + 0.04
-
-
-def _curtain(rng: Rng, width: float, height: float) -> Shape:
-    """A hanging cloth in folds that widen towards the floor, bottom centre at the origin."""
-    columns, rows = 49, 14
-    s, t = np.meshgrid(np.linspace(0, 1, columns), np.linspace(0, 1, rows))
-    folds = rng.integers(4, 7)
-    phase = 2 * np.pi * folds * s + 0.5 * np.sin(3 * s + rng.uniform(0, 6)) * (1 - t)
-    points = np.empty((rows, columns, 3))
-    points[..., 0] = (s - 0.5) * width * (1 + 0.08 * (1 - t))
-    points[..., 1] = (0.022 + 0.022 * (1 - t)) * np.sin(phase)
-    points[..., 2] = t * height
-    return sheet(points, 0.006)
+    if rng.random() < 0.15:
+        return opening.width / 2 + 0.05
+    make = window_dressing.roller_blind
+    if opening.z0 < 1.04 and aside > 0.3:
+        make = window_dressing.dressing
+    elif rng.random() < 0.4:
+        make = window_dressing.venetian_blind
+    for kind in (make, window_dressing.roller_blind):
+        cloth = kind(rng, looks, opening.width, opening.z0, opening.z1)
+        low, high = cloth.bounds()
+        x0, x1 = float(opening.x + low[0]), float(opening.x + high[0])
+        foot, deep = float(low[2]), float(high[1] - low[1])
+        block = Block(strip(wall, x0, x1, 0.0, deep), max(foot, 0.0), float(high[2]))
+        if (
+            max(-x0, x1) < wall.length / 2 - 0.02
+            and high[2] < wall.height - 0.08
+            and layout.fits(block, 0.02)
+        ):
+            for shape, material, label, _ in cloth.parts:
+                piece.add(shape, material, label)
+            layout.taken.append(block)
+            wall.busy.append((x0 - 0.02, x1 + 0.02, foot, float(high[2])))
+            return max(opening.x - x0, x1 - opening.x)
+    return opening.width / 2 + 0.05

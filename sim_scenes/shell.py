@@ -15,14 +15,14 @@ from dsmap.sim_scenes.textures import Rng
 
 def build(rng: Rng, looks: Looks, layout: Layout, holes: Sequence[Sequence[Opening]]) -> None:
     """Close a room whose walls have the holes `holes[wall]`; walls say how thick they are."""
-    paper = looks.wall()
-    accent = looks.wall() if rng.random() < 0.5 else paper
+    paper = looks.wall(layout.room.kind)
+    accent = looks.wall() if layout.room.kind != "bathroom" and rng.random() < 0.5 else paper
     accented = int(rng.integers(4))
     south, east, north, west = (wall.thickness for wall in layout.walls)
     low, high = layout.room.low - [west, south], layout.room.high + [east, north]
     for kind, z in (("floor", -0.1), ("ceiling", layout.room.height)):
         slab = Assembly(kind)
-        material = looks.floor() if kind == "floor" else looks.tiled("plaster", WHITES)
+        material = looks.floor(layout.room.kind) if kind == "floor" else looks.tiled("plaster", WHITES)
         slab.add(box((*(high - low), 0.1), (*((low + high) / 2), z)), material)
         layout.scene.place(slab, (0, 0, 0), room=layout.index)
     for k, wall in enumerate(layout.walls):
