@@ -1,0 +1,132 @@
+"""Moving things: the kernel against its twin, what counts as moving, and what is left of it in the map."""
+
+import moving_scene
+import numpy as np
+import pytest
+import random_scene
+import reference_map
+import warp as wp
+
+from dsmap.fusion.config import MapConfig, MovingConfig
+from dsmap.fusion.lie import exp_se3
+from dsmap.fusion.mapper import Mapper
+from dsmap.fusion.moving import MovingThings, whole_things
+from dsmap.kernels.moving import was_free
+from dsmap.metrics import ate_rmse
+
+CAMERA = random_scene.CAMERA
+
+
+def reference_was_free(camera, vertex, poses, past, margin, margin_z2) -> np.ndarray:
+    """Slow twin of `was_free`."""
+    free = np.zeros(vertex.shape[:2], np.uint8)
+    for y, x in np.ndindex(free.shape):
+        for T, depth in zip(poses, past, strict=True):
+            if vertex[y, x, 2] > 0:
+                p = T[:3, :3] @ vertex[y, x] + T[:3, 3]
+                at = reference_map.pixel(camera, p)
+                if at and depth[at] > 0 and depth[at] - p[2] > max(margin, margin_z2 * depth[at] ** 2):
+                    free[y, x] = 1
+    return free
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_free_space_equals_its_twin(seed):
+    rng = np.random.default_rng(seed)
+    vertex = random_scene.frame_arrays(seed)["vertex"]
+    poses = [exp_se3(rng.normal(0, 0.05, 6)) for _ in range(3)]
+    past = [random_scene.frame_arrays(seed + k)["depth"] + np.float32(0.03 * k) for k in range(1, 4)]
+    options = {"margin": 0.04, "margin_z2": 0.03}
+    free = wp.empty(vertex.shape[:2], dtype=wp.uint8, device="cpu")
+    was_free(CAMERA, wp.array(vertex, dtype=wp.vec3, device="cpu"), poses, past, free=free, **options)
+    expected = reference_was_free(CAMERA, vertex.astype(np.float64), poses, past, **options)
+    assert 0.02 < expected.mean() < 0.98
+    assert (free.numpy() != expected).sum() <= 2
+
+
+def test_specks_are_noise_and_a_thing_moves_as_a_whole():
+    depth = np.full((60, 80), 3.0, np.float32)
+    depth[20:40, 30:50] = 1.5
+    free = np.zeros((60, 80), np.uint8)
+    free[5, 5] = free[50, 60:62] = 1  # specks
+    assert not whole_things(free, depth, 0.002).any()
+    free[20:40, 38:50] = 1  # 60 % of the box
+    things = whole_things(free, depth, 0.002).astype(bool)
+    assert things[22:38, 32:48].all() and not things[:17].any() and not things[:, 54:].any()
+    free[20:40, 30:45] = 0  # a quarter of it: only that
+    things = whole_things(free, depth, 0.002).astype(bool)
+    assert things[22:38, 46:48].all() and not things[22:38, 32:40].any()
+
+
+def run(mode: str, frames: list, memory: int = 60) -> tuple[Mapper, np.ndarray, list[float]]:
+    """Map the frames; the mapper, the poses and the moving share of every frame."""
+    config = MapConfig(depth_max=5.0, moving=MovingConfig(mode=mode, memory=memory))
+    config.loops.mode = "off"
+    mapper = Mapper(config, moving_scene.INTRINSICS)
+    results = [mapper.step(frame) for frame in frames]
+    return mapper, np.array([r.T_world_camera for r in results]), [r.moving for r in results]
+
+
+def ghosts(mapper: Mapper, box: np.ndarray | None) -> int:
+    """Stable surfels more than 3 cm from every surface there is now."""
+    s = mapper.surfels.numpy()
+    p = s["position"][s["weight"] >= 10]
+    off = moving_scene.distance_to_room(p) > 0.03
+    if box is not None:
+        off &= np.abs(moving_scene.distance_to_box(p, box)) > 0.03
+    return int(off.sum())
+
+
+def test_a_still_room_moves_nowhere():
+    rng = np.random.default_rng(0)
+    box = moving_scene.slide(0)
+    _, _, moving = run("mask", [moving_scene.frame(i, box, rng) for i in range(40)])
+    assert max(moving) == 0.0
+
+
+def test_a_box_pushed_through_the_view_leaves_no_ghost_and_is_mapped_where_it_rests():
+    """Pushed for 30 frames, seen with a Kinect's noise; then it rests and, after the memory's length, is static."""
+    rng = np.random.default_rng(0)
+    centres = [moving_scene.slide(i, 20, 50) for i in range(95)]
+    frames = [moving_scene.frame(i, centre, rng) for i, centre in enumerate(centres)]
+    given = np.array([frame.T_world_camera for frame in frames])
+    mapper, poses, moving = run("mask", frames, memory=24)
+    assert max(moving[:20]) == 0.0 and min(moving[30:50]) > 0.02 and max(moving[-15:]) == 0.0
+    assert ate_rmse(poses, given) < 0.006
+    assert ghosts(mapper, centres[-1]) == 0
+    s = mapper.surfels.numpy()
+    at_rest = np.abs(moving_scene.distance_to_box(s["position"].astype(float), centres[-1])) < 0.02
+    assert (at_rest & (s["weight"] >= 10)).sum() > 500, "what came to rest is in the map"
+
+
+def test_a_thing_that_left_is_cleared_within_a_second_even_if_it_was_seen_for_long():
+    rng = np.random.default_rng(1)
+    box = moving_scene.slide(0)
+    frames = [moving_scene.frame(i, box if i < 30 else None, rng) for i in range(62)]
+    mapper, _, _ = run("mask", frames[:30])
+    mapper.surfels.weight.numpy()[: mapper.surfels.count] += 300
+    before = ghosts(mapper, None)
+    for frame in frames[30:]:
+        mapper.step(frame)
+    assert before > 500 and ghosts(mapper, None) <= 0.01 * before
+
+
+def test_people_who_walk_through_do_not_pull_the_camera():
+    rng = np.random.default_rng(2)
+    frames = [
+        moving_scene.frame(i, np.array([-3 + (i % 60) * 0.1, 0.6, 1.8]), rng) for i in range(75)
+    ]  # enters on the left, out on the right, twice
+    given = np.array([frame.T_world_camera for frame in frames])
+    error = {mode: ate_rmse(run(mode, frames)[1], given) for mode in ("off", "mask")}
+    assert error["mask"] < 0.004 and error["mask"] < 0.8 * error["off"]
+
+
+def test_the_memory_can_be_saved_and_restored():
+    frames = [moving_scene.frame(i, moving_scene.slide(i, 0, 30)) for i in range(14)]
+    mapper, _, _ = run("mask", frames)
+    copy = MovingThings(mapper.config, mapper.cameras)
+    copy.set_state(mapper.moving.state())
+    assert [row for row, _ in copy.memory] == [row for row, _ in mapper.moving.memory] == [0, 4, 8, 12]
+    assert all((a == b).all() for (_, a), (_, b) in zip(copy.memory, mapper.moving.memory, strict=True))
+    copy.set_state({})
+    assert copy.state() == {}
