@@ -143,7 +143,7 @@ def prune(
     margin: float = 0.05,
     margin_z2: float = 0.0,
     decay: float = 3.0,
-    decay_share: float = 0.3,
+    decay_share: float = 0.4,
     walk: wp.array | None = None,
 ) -> int:
     """Mark dead surfels (weight 0); returns how many died now.

@@ -181,7 +181,7 @@ def fuse_frame(s, camera, T, frame, match, *, time, max_weight=np.inf) -> dict[s
 
 
 def prune(s, camera, T, depth, edge, match, *, time, stable_weight=10.0, max_unseen=20, t_min=0, max_depth=1e9,
-          margin=0.05, margin_z2=0.0, decay=3.0, decay_share=0.3) -> np.ndarray:  # fmt: skip
+          margin=0.05, margin_z2=0.0, decay=3.0, decay_share=0.4) -> np.ndarray:  # fmt: skip
     """Weights after clean-up."""
     position, _ = into_camera(T, s)
     weight = s["weight"].copy()

@@ -14,6 +14,7 @@ from dsmap.kernels.index_map import render_index
 from dsmap.kernels.label import update_labels
 from dsmap.kernels.pixel_min import TAKEN
 from dsmap.kernels.prune import prune
+from dsmap.kernels.reactivate import reactivate
 from dsmap.kernels.types import SurfelMap
 
 CAMERA, TIME = random_scene.CAMERA, random_scene.TIME
@@ -176,6 +177,31 @@ def test_one_bad_depth_image_does_not_erase_a_stable_map_but_an_opened_door_does
     assert prune(surfels, CAMERA, T, far, maps.edge, nothing, time=40) == 0
     dead = [prune(surfels, CAMERA, T, far, maps.edge, nothing, time=time) for time in range(41, 61)]
     assert sum(dead) == surfels.count
+
+
+def test_the_two_walls_of_a_closed_loop_become_one():
+    """A wall mapped long ago, mapped again 8 mm beside it: once the old one is active, one of every pair dies."""
+    rng, surfels, now = np.random.default_rng(3), SurfelMap.empty("cpu"), 500
+    for first, shift in ((0, 0.0), (now, 0.008)):
+        for time in range(first, first + 20):
+            T, maps = flat_frame(rng, noise=0.002)
+            T[2, 3] = shift
+            fuse_frame(surfels, CAMERA, T, maps, matched(surfels, T, maps, t_min=first), time=time)
+    count = np.prod(SHAPE)
+    assert surfels.count == 2 * count, "inactive surfels get no matches"
+    vertex = maps.vertex  # of the inactive view and of the active one: they agree
+    woken = reactivate(surfels, CAMERA, np.eye(4), vertex, vertex, time=now + 20, t_min=now, distance=0.05)
+    assert woken == count
+    for time in range(now + 21, now + 41):
+        T, maps = flat_frame(rng, noise=0.002, x_offset=0.3 * (time - now - 21) * 1.5 / CAMERA.fx)
+        match = matched(surfels, T, maps, t_min=now)
+        fuse_frame(surfels, CAMERA, T, maps, match, time=time)
+        prune(surfels, CAMERA, T, maps.depth, maps.edge, match, time=time, t_min=now)
+    s = {name: array[surfels.numpy()["weight"] > 0] for name, array in surfels.numpy().items()}
+    in_view = (np.abs(s["position"][:, 0]) < 0.5) & (np.abs(s["position"][:, 1]) < 0.5)
+    per_pixel = in_view.sum() * (1.5 / CAMERA.fx) * (1.5 / CAMERA.fy)
+    assert 0.7 < per_pixel < 1.25, "about one surfel a pixel, on one square metre"
+    assert (s["t_created"][in_view] < now).mean() > 0.4, "what was there first is not thrown away"
 
 
 def test_compaction_keeps_the_living_in_order():
