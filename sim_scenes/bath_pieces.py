@@ -138,12 +138,11 @@ def _basin(
 ) -> None:
     """A bowl let into (or standing on) a board at height `top` [m]."""
     w, d = size
-    rings = [ring((w, d), (x, y, top + 0.0015), corner), ring((w, d), (x, y, top + 0.018), corner)]
-    rings += [
-        ring((w - 0.03, d - 0.03), (x, y, top + 0.018), corner),
-        ring((0.75 * w, 0.7 * d), (x, y, top - 0.08), corner),
-    ]
-    rings += [ring((0.4 * w, 0.35 * d), (x, y, top - 0.11), 0.9)]
+    steps = (
+        (0.45 * w, 0.4 * d, -0.125), (0.8 * w, 0.75 * d, -0.09), (w - 0.02, d - 0.02, 0.0015), (w, d, 0.0015),
+        (w, d, 0.018), (w - 0.03, d - 0.03, 0.018), (0.75 * w, 0.7 * d, -0.08), (0.4 * w, 0.35 * d, -0.11),
+    )  # fmt: skip
+    rings = [ring((a, b), (x, y, top + z), corner) for a, b, z in steps]
     piece.add(loft(rings), finishes.porcelain(looks), "objects")
     piece.add(cylinder(0.022, 0.003, (x, y, top - 0.11), 16), finishes.steel(looks), "objects")
 
@@ -181,7 +180,9 @@ def vanity(rng: Rng, looks: Looks) -> Assembly:
     top = finishes.stone(looks)
     for x in middles:
         span = w / len(middles)
-        board = plate_with_hole((span, d, 0.03), (size[0] - 0.1, size[1] - 0.1), (x, 0, h - 0.03), (0, -0.03))
+        board = plate_with_hole(
+            (span, d, 0.03), (size[0] - 0.016, size[1] - 0.016), (x, 0, h - 0.03), (0, -0.03), corner
+        )
         piece.add(board, top)
         _basin(piece, looks, x, -0.03, h, size, corner)
         chrome = Assembly("objects")

@@ -50,12 +50,12 @@ def coat_stand(rng: Rng, looks: Looks) -> Assembly:
 
 
 def coat_rack(rng: Rng, looks: Looks) -> Assembly:
-    """A board with hooks, coats and bags; hang its lower edge (of the board) at about 1.6 m: clothes hang below 0."""
+    """A board with hooks, coats and bags: the board is 1.1 m above the frame's origin; hang that at about 0.5 m."""
     piece, wood, width = Assembly("furniture"), looks.wood(), rng.uniform(0.6, 1.3)
     piece.add(box((width, 0.022, 0.11), (0, 0.1, 0), 0.004), wood)
     if rng.random() < 0.5:
         piece.add(box((width, 0.24, 0.022), (0, -0.01, 0.11), 0.004), wood)
-        piece.surfaces.append((-width / 2 + 0.06, -0.08, width / 2 - 0.06, 0.06, 0.132))
+        piece.surfaces.append((-width / 2 + 0.06, -0.08, width / 2 - 0.06, 0.06, 1.232))
     hooks = np.linspace(-width / 2 + 0.12, width / 2 - 0.12, int(width / 0.21))
     for x in hooks:
         piece.add(_hook((x, 0.09, 0.05)), finishes.steel(looks), "objects")
@@ -68,6 +68,7 @@ def coat_rack(rng: Rng, looks: Looks) -> Assembly:
                 bag = handbag(rng, looks)
                 piece.attach(bag, (x, 0.0, 0.02 - bag.bounds()[1, 2]))
             last = x
+    piece.parts = [(shape.moved((0, 0, 1.1)), *rest) for shape, *rest in piece.parts]
     return piece
 
 

@@ -117,14 +117,12 @@ def _sink(looks: Looks, piece: Assembly, x: float, width: float) -> None:
     """A steel basin let into the worktop at `x`, with a drain and a tap behind."""
     steel, y = finishes.steel(looks), -0.02
     size = np.array([width, 0.4])
-    rings = [ring(size + 0.03, (x, y, HEIGHT + 0.001), 0.25), ring(size + 0.03, (x, y, HEIGHT + 0.005), 0.25)]
-    rings += [
-        ring(size - 0.012, (x, y, HEIGHT + 0.005), 0.25),
-        ring(size - 0.03, (x, y, HEIGHT - 0.15), 0.3),
-        ring(size - 0.1, (x, y, HEIGHT - 0.165), 0.35),
-    ]
-    skin = loft(rings)
-    piece.add(skin, steel, "objects")
+    steps = (
+        (-0.11, -0.18), (-0.02, -0.155), (0.006, 0.001), (0.03, 0.001), (0.03, 0.005), (-0.012, 0.005), (-0.03, -0.15),
+        (-0.1, -0.165),
+    )  # fmt: skip
+    rings = [ring(size + wider, (x, y, HEIGHT + z), 0.25) for wider, z in steps]
+    piece.add(loft(rings), steel, "objects")
     piece.add(cylinder(0.035, 0.003, (x, y, HEIGHT - 0.165), 18), finishes.dark(looks), "objects")
     tap = np.vstack(
         [
@@ -215,7 +213,7 @@ def _worktop(
     else:
         width = min(0.5, float(edges[1] - edges[0]) - 0.09)
         x = float(middles[basin])
-        piece.add(plate_with_hole(size, (width, 0.4), (0, 0, HEIGHT - TOP), (x, -0.02)), stone)
+        piece.add(plate_with_hole(size, (width + 0.01, 0.41), (0, 0, HEIGHT - TOP), (x, -0.02), 0.25), stone)
         _sink(looks, piece, x, width)
         cuts.append((x - width / 2 - 0.05, x + width / 2 + 0.05))
     if cooker is not None:
@@ -245,7 +243,7 @@ def wall_cupboards(rng: Rng, looks: Looks, length: float = 1.8) -> Assembly:
                 if z < height - 0.1:
                     _dishes(rng, looks, piece, x, w - 0.06, -0.01, z + 0.018, height / 2 - 0.03)
             continue
-        piece.add(box((w - 0.001, depth - 0.02, height), (x, 0.01, 0)), carcass)
+        piece.add(box((w, depth - 0.02, height), (x, 0.01, 0)), carcass)
         _front(piece, looks, (x, -depth / 2 + 0.02, 0), (w, height), style, False)
     piece.surfaces.append(
         (-length / 2 + 0.06, -depth / 2 + 0.06, length / 2 - 0.06, depth / 2 - 0.05, height)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dsmap.sim_scenes.shapes import Shape, Vector, box, merged, polygons
+from dsmap.sim_scenes.shapes import Shape, Vector, polygons
 from dsmap.sim_scenes.textures import Rng
 
 
@@ -149,17 +149,17 @@ def tub(size: Vector, wall: float, floor: float, at: Vector = (0, 0, 0), corner:
     )
 
 
-def plate_with_hole(size: Vector, hole: Vector, at: Vector, hole_at: Vector = (0, 0)) -> Shape:
-    """A board of `size` (w, d, thickness) with a rectangular hole (w, d) at `hole_at` from its middle."""
-    w, d, t = (float(v) for v in size)
-    x0, x1 = hole_at[0] - hole[0] / 2, hole_at[0] + hole[0] / 2
-    y0, y1 = hole_at[1] - hole[1] / 2, hole_at[1] + hole[1] / 2
-    pieces = []
-    for a, b, c, e in (
-        (-w / 2, x0, -d / 2, d / 2), (x1, w / 2, -d / 2, d / 2), (x0, x1, -d / 2, y0), (x0, x1, y1, d / 2),
-    ):  # fmt: skip
-        pieces.append(box((b - a, e - c, t), ((a + b) / 2, (c + e) / 2, 0)))
-    return merged(pieces).moved(at)
+def plate_with_hole(
+    size: Vector, hole: Vector, at: Vector, hole_at: Vector = (0, 0), corner: float = 0.02
+) -> Shape:
+    """A board of `size` (w, d, thickness), bottom centre `at`, with a hole (w, d) of `ring`'s `corner` in it.
+
+    `hole_at` is the hole's middle from the board's middle.
+    """
+    thick = float(size[2])
+    inner = [ring(hole, (hole_at[0], hole_at[1], z), corner, 64) for z in (thick, 0.0)]
+    outer = [ring(size[:2], (0, 0, z), 0.004, 64) for z in (0.0, thick)]
+    return loft([*outer, *inner, outer[0]], caps=False).moved(at)
 
 
 def crumpled(rng: Rng, size: Vector, at: Vector = (0, 0, 0), depth: float = 0.25, rows: int = 14) -> Shape:

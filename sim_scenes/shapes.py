@@ -184,6 +184,9 @@ def cushion(size: Vector, at: Vector = (0, 0, 0), softness: float = 0.5, rings: 
     lat, lon = np.meshgrid(latitude, longitude, indexing="ij")
 
     def power(x: np.ndarray) -> np.ndarray:
+        x = np.where(
+            np.abs(x) < 1e-9, 0.0, x
+        )  # cos(pi / 2) is not 0, and a low power of it is a hole at the pole
         return np.sign(x) * np.abs(x) ** softness
 
     unit = np.stack(

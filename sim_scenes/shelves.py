@@ -124,8 +124,8 @@ def ladder_shelf(rng: Rng, looks: Looks) -> Assembly:
             fill_board(
                 rng, looks, piece, (-width / 2 + 0.05, width / 2 - 0.05, back - 0.12, z + 0.02), gap, 0.5
             )
-        else:
-            piece.surfaces.append((-width / 2 + 0.06, front + 0.04, width / 2 - 0.06, back - 0.07, z + 0.02))
+        elif deep > 0.12:
+            piece.surfaces.append((-width / 2 + 0.06, front + 0.02, width / 2 - 0.06, back - 0.05, z + 0.02))
     return piece
 
 

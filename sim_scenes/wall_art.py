@@ -53,7 +53,7 @@ def gallery(rng: Rng, looks: Looks) -> Assembly:
     pitch = height * 1.34 + 0.14
     for column in range(columns):
         for row in range(rows):
-            if rng.random() < 0.12:
+            if rows > 1 and rng.random() < 0.12:
                 continue
             one = framed(rng, looks, height * rng.uniform(0.8, 1.0), frame, 0.018, rng.choice([0.0, 0.03]))
             x, z = (column - (columns - 1) / 2) * pitch, row * (height + 0.16)
