@@ -13,7 +13,10 @@ class TrackConfig:
     stride: tuple[int, ...] = (4, 2, 1)
     """Every n-th pixel in both directions counts, a level: 19,200 points of 640x480 constrain six numbers amply."""
     w_rgb: float = 0.1
-    """Weight of the photometric term (Eq. 3); metres and intensities in [0, 1]."""
+    """Weight of the photometric term (Eq. 3), at most; metres and intensities in [0, 1]."""
+    rgb_balance: float = 8.0
+    """w_rgb falls to this times (mean squared point-to-plane distance / mean squared intensity difference) where
+    that is less: exact depth must not be pulled off by shading and compression."""
     max_distance: float = 0.10
     """ICP gate: distance between associated points [m]."""
     max_angle_deg: float = 20.0
@@ -36,6 +39,12 @@ class TrackConfig:
     """Larger RMS of inlier point-to-plane residuals [m]: the frame is lost."""
     max_std: float = 0.02
     """Largest standard deviation of the pose, in any direction [m, rad], that still counts as tracked."""
+    doubt_distance: float = 0.03
+    """A pose this far [m] from where constant motion would lead is compared with the map over the whole image..."""
+    doubt_angle_deg: float = 3.0
+    """... and one turned this far from it..."""
+    doubt_inlier_fraction: float = 0.4
+    """... and one with fewer matched pixels; also every first pose after lost frames."""
 
 
 @dataclass
@@ -86,8 +95,8 @@ class LoopConfig:
     """The inactive model is predicted on the finest pyramid level of at most this many columns."""
     iterations: int = 10
     """Gauss-Newton iterations a level of registering the active view to the inactive one."""
-    max_mean_square: float = 5e-5
-    """Gate: mean squared point-to-plane distance [m^2]."""
+    max_mean_square: float = 1e-4
+    """Gate: mean squared point-to-plane distance [m^2]; 5e-5 was published for depths up to 3 m."""
     min_inliers: int = 35000
     """Gate: matched pixels."""
     max_covariance: float = 1e-3

@@ -14,8 +14,8 @@ from dsmap.kernels.odometry import Gates, gradient, joint_normal_equations
 from dsmap.kernels.preprocess import half_surface
 from dsmap.kernels.types import FrameMaps
 
-_CONVERGED = 1e-4
-"""A step below this (metres and radians alike) ends a level: a twentieth of a pixel at 1 m."""
+_CONVERGED = 3e-5
+"""A step below this (metres and radians alike) ends a level: a sixtieth of a pixel at 1 m."""
 _VGA_PIXELS = 640 * 480
 """Published pixel counts are those of this image size."""
 
@@ -123,7 +123,8 @@ class Tracker:
             for _ in range(iterations[level]):
                 icp, rgb = self.normal_equations(level, source[level], model.levels[level], T_model_source)
                 # Eq. 3: E = E_icp + w_rgb E_rgb
-                xi = solve(icp[0] + self.config.w_rgb * rgb[0], icp[1] + self.config.w_rgb * rgb[1])
+                w_rgb = self._w_rgb(icp, rgb)
+                xi = solve(icp[0] + w_rgb * rgb[0], icp[1] + w_rgb * rgb[1])
                 if xi is None:
                     return T_model_source, self._verdict(source, model.finest, icp, rgb, diverged=True)
                 T_model_source = exp_se3(xi) @ T_model_source
@@ -135,6 +136,11 @@ class Tracker:
     def normal_equations(self, level: int, source: tuple, model: tuple, T_model_source: np.ndarray) -> tuple:
         """Of Eq. 1 and Eq. 2 on one pyramid level: see `joint_normal_equations`, with the configured gates."""
         return joint_normal_equations(self.cameras[level], T_model_source, self._gates(level), source, model)
+
+    def _w_rgb(self, icp: tuple, rgb: tuple) -> float:
+        """The weight of the photometric term: less where the depth is much better than the colour."""
+        ratio = (icp[2] / max(icp[3], 1)) / max(rgb[2] / max(rgb[3], 1), 1e-12)
+        return min(self.config.w_rgb, self.config.rgb_balance * ratio)
 
     def _gates(self, level: int) -> Any:
         config, gates = self.config, Gates()
@@ -160,9 +166,10 @@ class Tracker:
         fraction = icp[3] / max(valid, 1)
         rms_icp = float(np.sqrt(icp[2] / max(icp[3], 1)))
         rms_rgb = float(np.sqrt(rgb[2] / max(rgb[3], 1)))
-        A = icp[0] + config.w_rgb * rgb[0]
+        w_rgb = self._w_rgb(icp, rgb)
+        A = icp[0] + w_rgb * rgb[0]
         # Residuals of neighbouring pixels are not independent: sigma^2 is the mean of all of them.
-        variance = (icp[2] + config.w_rgb * rgb[2]) / max(icp[3] + rgb[3], 1)
+        variance = (icp[2] + w_rgb * rgb[2]) / max(icp[3] + rgb[3], 1)
         covariance = variance * np.linalg.pinv(A) if np.isfinite(A).all() else np.full((6, 6), np.inf)
         share = float(np.mean(np.diag(icp[0]) / np.maximum(np.diag(A), 1e-12)))
         std = (
