@@ -22,10 +22,10 @@ THIN = 0.002
 
 @dataclass(frozen=True)
 class Collider:
-    """A convex body in its assembly's frame: a turned box, or the hull of points."""
+    """A convex body in its assembly's frame: a turned box, or the hull of points (with a box around it)."""
 
     centre: np.ndarray
-    """Shape (3,)."""
+    """Of the box, shape (3,)."""
     rotation: np.ndarray
     """Shape (3, 3): columns are the box's axes."""
     half: np.ndarray
@@ -58,7 +58,8 @@ def hull_of(assembly: Assembly) -> Collider:
     if len(found) == 1:
         return found[0]
     points = np.concatenate([c.corners() for c in found])
-    return Collider(points.mean(0), np.eye(3), np.ptp(points, axis=0) / 2, points)
+    low, high = points.min(0), points.max(0)
+    return Collider((low + high) / 2, np.eye(3), (high - low) / 2, points)
 
 
 def _of_shape(shape: Shape) -> list[Collider]:
@@ -131,3 +132,24 @@ def add_geoms(
 
 def _right_handed(rotation: np.ndarray) -> np.ndarray:
     return rotation * np.array([1, 1, np.sign(np.linalg.det(rotation))])
+
+
+def touch(some: Sequence[Collider], others: Sequence[Collider], gap: float) -> bool:
+    """Whether any two boxes around colliders come nearer than `gap` [m] (separating axes; errs towards yes)."""
+    if not some or not others:
+        return False
+    reach = [np.array([c.half for c in group]) + gap / 2 for group in (some, others)]
+    turn = [np.array([c.rotation for c in group]) for group in (some, others)]
+    middle = [np.array([c.centre for c in group]) for group in (some, others)]
+    between = middle[1][None] - middle[0][:, None]  # (A, B, 3)
+    shape = (len(some), len(others), 3, 3)
+    a = np.broadcast_to(turn[0].transpose(0, 2, 1)[:, None], shape)
+    b = np.broadcast_to(turn[1].transpose(0, 2, 1)[None], shape)
+    cross = np.cross(a[:, :, :, None], b[:, :, None]).reshape(*shape[:2], 9, 3)
+    length = np.linalg.norm(cross, axis=-1, keepdims=True)
+    cross = np.where(length > 1e-3, cross / np.maximum(length, 1e-3), a[:, :, :1])
+    axes = np.concatenate([a, b, cross], 2)  # (A, B, 15, 3)
+    spread = np.abs(np.einsum("abki,abji->abkj", axes, a)) @ reach[0][:, None, :, None]
+    spread = spread + np.abs(np.einsum("abki,abji->abkj", axes, b)) @ reach[1][None, :, :, None]
+    apart = np.abs(np.einsum("abki,abi->abk", axes, between)) > spread[..., 0]
+    return bool((~apart.any(2)).any())

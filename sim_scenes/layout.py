@@ -1,11 +1,13 @@
 """Where things go: a plan of one room that keeps furniture apart, ways free and pictures off cupboards."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from dsmap.sim_scenes.colliders import colliders_of, touch
 from dsmap.sim_scenes.scene import Assembly, Room, Scene
+from dsmap.sim_scenes.shapes import rotation_z
 from dsmap.sim_scenes.textures import Rng
 from dsmap.sim_scenes.walkable import Walkable
 
@@ -72,6 +74,8 @@ class Block:
     low: float
     high: float
     """Heights [m]."""
+    piece: int = -1
+    """Index into `Scene.pieces` of what stands there; -1 = floor that is kept free."""
 
     def meets(self, other: "Block", gap: float) -> bool:
         """Whether two blocks come nearer to each other than `gap` sideways (and overlap in height)."""
@@ -134,29 +138,43 @@ class Layout:
         piece: Assembly,
         xy: Iterable[float],
         yaw: float,
-        ignore: Sequence[Block] = (),
+        under: Sequence[Block] = (),
         room: float = 0.0,
     ) -> Block | None:
         """Stand a piece on the floor if it fits and leaves the doors joined; returns the space it took.
 
         Args:
-            ignore: blocks that it may reach into (the table of a chair).
+            under: blocks that it may reach into as far as nothing touches (the table of a chair).
             room: air that it needs around it [m].
         """
         xy = np.asarray(tuple(xy), float)
         block = self.block(piece, xy, yaw)
-        if not self.fits(block, max(GAP, room), ignore):
+        if not self.fits(block, max(GAP, room), under) or self._touches(piece, xy, yaw, under):
             return None
         if block.high > FLAT:
             if not self.floor.stays_open([block.corners]):
                 return None
             self.floor.block(block.corners)
+            block = replace(block, piece=len(self.scene.pieces))
             self.taken.append(block)
-        self.scene.place(piece, (*xy, 0.0), yaw, room=self.index)
+        low, high = piece.bounds()
+        self.scene.place(piece, (*xy, max(0.0, -float(low[2]))), yaw, room=self.index)
         if block.high > FLAT:
-            low, high = piece.bounds()
             self.scene.targets.append(np.array([*block.corners.mean(0), 0.3 * low[2] + 0.7 * high[2]]))
         return block
+
+    def _touches(self, piece: Assembly, xy: np.ndarray, yaw: float, under: Sequence[Block]) -> bool:
+        """Whether a piece here would touch the pieces that stand in these blocks."""
+        if not under:
+            return False
+        T = np.eye(4)
+        T[:3, :3], T[:2, 3] = rotation_z(yaw), xy
+        own = [c.moved(T) for c in colliders_of(piece)]
+        for block in under:
+            other = self.scene.pieces[block.piece]
+            if touch(own, [c.moved(other.T_world_piece) for c in colliders_of(other.assembly)], 0.004):
+                return True
+        return False
 
     def against(
         self, piece: Assembly, wall: Wall, x: float | None = None, out: float = GAP, front: float = 0.0
