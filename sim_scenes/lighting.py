@@ -204,7 +204,7 @@ def _received(lamp: Light, points: np.ndarray, normals: np.ndarray) -> np.ndarra
     if lamp.direction is not None:
         return power * np.clip(-normals @ lamp.direction, 0, None)
     to_light = lamp.position - points
-    distance = np.linalg.norm(to_light, axis=1)
+    distance = np.maximum(np.linalg.norm(to_light, axis=1), 0.05)
     falloff = 1.0 if lamp.reach is None else 1 / (1 + (distance / lamp.reach) ** 2)
     return power * falloff * np.clip((normals * to_light).sum(1) / distance, 0, None)
 

@@ -92,12 +92,17 @@ def _add_mesh(spec: mujoco.MjSpec, name: str, shape: Shape, tile: float) -> None
 
 
 def _add_lights(spec: mujoco.MjSpec, scene: Scene) -> None:
-    """The scene's lights, made up to `MAX_LIGHTS` by dark ones, and one more.
+    """The ambient light, the scene's lights, made up to `MAX_LIGHTS` by dark ones, and one more.
 
     That last one is a dark spot light with falloff: the ray tracer leaves code out where no light is of that
-    kind, and would be compiled anew for scenes without.
+    kind, and would be compiled anew for scenes without. The first has no falloff, as ambient light must
+    not: OpenGL takes the ambient part of a lamp for something that fades with its distance.
     """
-    kinds = mujoco.mjtLightType
+    kinds, dark = mujoco.mjtLightType, np.zeros(3)
+    spec.worldbody.add_light(
+        name="everywhere", type=kinds.mjLIGHT_DIRECTIONAL, ambient=scene.ambient, diffuse=dark, specular=dark,
+        castshadow=False,
+    )  # fmt: skip
     for k in range(MAX_LIGHTS):
         light = scene.lights[k] if k < len(scene.lights) else DARK
         kind = kinds.mjLIGHT_POINT
@@ -110,20 +115,15 @@ def _add_lights(spec: mujoco.MjSpec, scene: Scene) -> None:
             dir=(0, 0, -1) if light.direction is None else light.direction,
             diffuse=light.diffuse,
             specular=light.specular,
-            ambient=scene.ambient if k == 0 else np.zeros(3),
-            active=light is not DARK or k == 0,
+            ambient=dark,
+            active=light is not DARK,
             castshadow=light.shadow,
             attenuation=(1, 0, 0 if light.reach is None else 1 / light.reach**2),
             cutoff=45 if light.cutoff is None else light.cutoff,
             exponent=0 if light.cutoff is None else SPOT_EXPONENT,
         )
     spec.worldbody.add_light(
-        name="dark",
-        type=kinds.mjLIGHT_SPOT,
-        diffuse=np.zeros(3),
-        specular=np.zeros(3),
-        attenuation=(1, 0, 1),
-        active=0,
+        name="dark", type=kinds.mjLIGHT_SPOT, diffuse=dark, specular=dark, attenuation=(1, 0, 1), active=0
     )
 
 

@@ -1,7 +1,7 @@
 """OpenGL renderers of the same scene: MuJoCo's own, and pyrender's with physically based materials.
 
 They rasterise with the camera of the ray tracer, so depth and classes agree with it up to the pixels on
-outlines; shading differs, and they cast no shadows. Contexts belong to the thread that made them.
+outlines; shading differs. MuJoCo's point lights cast no shadows there; pyrender's lamps do. Contexts belong to the thread that made them.
 """
 
 # pyright: reportAttributeAccessIssue=false
@@ -19,8 +19,19 @@ from dsmap.sim_scenes.scene import Light, Material, Scene
 _FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
 """Our camera (y down, z forward) to OpenGL's (y up, looking along -z)."""
 
+OPENGL_LIGHTS = 8
+"""Lights of OpenGL's fixed pipeline, which MuJoCo draws with."""
+TYPICAL = 2.2
+"""Distance of surfaces from lamps at which all renderers are equally bright [m]."""
+LAMP_CONE = 70.0
+"""Half the opening angle of a lamp that casts shadows in pyrender [deg]."""
 PYRENDER_NEAR = 0.2
 """Near plane [m]: its 16-bit depth buffer resolves z^2 / (65536 near), 0.7 mm at 3 m."""
+
+
+def _linear(display: np.ndarray) -> np.ndarray:
+    """Light as the ray tracer adds it up (display values) to linear light; 1.5: sums come out as bright."""
+    return 1.5 * np.asarray(display, float) ** 2.2
 
 
 def open_renderer(name: str, scene: Scene, camera: Intrinsics, shadows: bool = True) -> Renderer:
@@ -54,15 +65,15 @@ class MujocoRenderer:
         gl_context.GLContext = egl.GLContext
         if egl.EGL_DISPLAY is not None:  # pyrender, when it was closed, ended the display they share
             egl.EGL.eglInitialize(egl.EGL_DISPLAY, None, None)
-        self._point, self._spot = (
-            int(mujoco.mjtLightType.mjLIGHT_POINT),
-            int(mujoco.mjtLightType.mjLIGHT_SPOT),
-        )
+        kinds = mujoco.mjtLightType
+        self._point, self._spot = int(kinds.mjLIGHT_POINT), int(kinds.mjLIGHT_SPOT)
+        self._directional = int(kinds.mjLIGHT_DIRECTIONAL)
         self._model = build_model(scene, camera)
         self._data = mujoco.MjData(self._model)
         mujoco.mj_forward(self._model, self._data)
         self._renderer = mujoco.Renderer(self._model, camera.height, camera.width)
         self._scene, self._lens = scene, camera
+        self._lit = self._model.light_active.astype(bool)
         self._rest = (self._data.geom_xpos.copy(), self._data.geom_xmat.copy())
 
     def _frustum(self) -> None:
@@ -82,9 +93,12 @@ class MujocoRenderer:
             self._data.geom_xmat[geom] = (turn @ self._rest[1][geom].reshape(3, 3)).ravel()
         renderer, pose = self._renderer, T_world_camera @ _FLIP
         self._data.cam_xpos[0], self._data.cam_xmat[0] = pose[:3, 3], pose[:3, :3].ravel()
+        self._choose_lights(pose[:3, 3])
         renderer.update_scene(self._data, camera="camera")
         self._frustum()
-        for light in renderer.scene.lights[: renderer.scene.nlight]:
+        lamps = np.flatnonzero(self._model.light_active)
+        for light, k in zip(renderer.scene.lights[: renderer.scene.nlight], lamps, strict=True):
+            light.attenuation = self._model.light_attenuation[k]  # which MuJoCo 4.0 forgets
             if light.type == self._point:
                 # MuJoCo 4.0 draws point lights black; OpenGL takes a spot of 180 degrees for one. A shadow
                 # map cannot cover that angle.
@@ -96,6 +110,14 @@ class MujocoRenderer:
         part = renderer.render()[..., 0].astype(np.int32)
         renderer.disable_segmentation_rendering()
         return Image(rgb, np.where(part >= 0, depth, 0).astype(np.float32), part)
+
+    def _choose_lights(self, eye: np.ndarray) -> None:
+        """Of more lights than OpenGL has, those that are everywhere and the ones nearest to the camera."""
+        distance = np.linalg.norm(self._model.light_pos - eye, axis=1)
+        distance[self._model.light_type == self._directional] = 0
+        distance[~self._lit] = np.inf
+        nearest = np.argsort(distance, kind="stable")[:OPENGL_LIGHTS]
+        self._model.light_active[:] = self._lit & np.isin(np.arange(len(distance)), nearest)
 
     def close(self) -> None:
         """Free the context."""
@@ -110,7 +132,11 @@ class PyrenderRenderer:
         import trimesh
 
         self._pyrender, self._shape = pyrender, (camera.height, camera.width)
-        world = pyrender.Scene(bg_color=np.zeros(4), ambient_light=0.9 * scene.ambient)
+        # Its own way to measure a scene asks NumPy for a name that NumPy 2 has no more.
+        extent = float(np.linalg.norm(scene.size))
+        world = type("World", (pyrender.Scene,), {"scale": extent})(
+            bg_color=np.zeros(4), ambient_light=_linear(scene.ambient)
+        )
         looks = {name: self._material(scene.materials[name]) for name in {p.material for p in scene.parts}}
         self._scene, self._codes, self._nodes = scene, {}, []
         for i, part in enumerate(scene.parts):
@@ -127,7 +153,9 @@ class PyrenderRenderer:
             self._nodes.append(node)
             self._codes[node] = np.array([(i + 1) >> 8, (i + 1) & 255, 0], np.uint8)
         for light in scene.lights:
-            self._add_light(world, light)
+            self._add_light(world, light, shadows)
+        draw = pyrender.RenderFlags
+        self._flags = draw.SHADOWS_SPOT if shadows else draw.NONE
         # pyrender counts the principal point from the image corner: pixel centres at .5.
         lens = pyrender.IntrinsicsCamera(
             camera.fx, camera.fy, camera.cx + 0.5, camera.cy + 0.5, PYRENDER_NEAR, FAR
@@ -147,21 +175,30 @@ class PyrenderRenderer:
             emissiveTexture=texture if look.emission > 0 else None,
         )
 
-    def _add_light(self, world, light: Light) -> None:
+    def _add_light(self, world, light: Light, shadows: bool) -> None:
+        """Its brightness: as on the ray tracer's surfaces 2.2 m away. Lamps shine downwards where they cast shadows."""
         power = float(light.diffuse.max())
         if power <= 0:
             return
-        pose = np.eye(4)
-        if light.direction is None:
-            pose[:3, 3] = light.position
-            # Falls off with the square of the distance: as bright as the ray tracer's light at 2.2 m.
-            source = self._pyrender.PointLight(light.diffuse / power, intensity=power * np.pi * 2.2**2)
-        else:
+        colour, pose = _linear(light.diffuse / power), np.eye(4)
+        if light.reach is not None:
+            power /= 1 + (TYPICAL / light.reach) ** 2
+        strength = np.pi * float(_linear(np.array(power)))
+        if light.direction is not None:
             z = -light.direction
             x = np.cross([0.3, 0.9, 0.1], z)
             pose[:3, 0] = x / np.linalg.norm(x)
             pose[:3, 2], pose[:3, 1] = z, np.cross(z, pose[:3, 0])
-            source = self._pyrender.DirectionalLight(light.diffuse / power, intensity=power * np.pi)
+        pose[:3, 3] = light.position
+        if light.direction is not None and light.cutoff is None:
+            source = self._pyrender.DirectionalLight(colour, intensity=strength)
+        elif light.cutoff is not None or (shadows and light.shadow):
+            outer = np.radians(LAMP_CONE if light.cutoff is None else light.cutoff)
+            source = self._pyrender.SpotLight(
+                colour, intensity=strength * TYPICAL**2, innerConeAngle=0.6 * outer, outerConeAngle=outer
+            )
+        else:
+            source = self._pyrender.PointLight(colour, intensity=strength * TYPICAL**2)
         world.add(source, pose=pose)
 
     def _render(self, flags: int) -> tuple[np.ndarray, np.ndarray]:
@@ -174,7 +211,7 @@ class PyrenderRenderer:
         for i, T_now_rest in self._scene.moved_by(T_world_body).items():
             self._world.set_pose(self._nodes[i], T_now_rest)
         self._world.set_pose(self._camera, T_world_camera @ _FLIP)
-        rgb, _ = self._render(self._pyrender.RenderFlags.NONE)
+        rgb, _ = self._render(self._flags)
         # The colour pass is multi-sampled, its depth off the pixel's centre; this one is not.
         code, depth = self._render(self._pyrender.RenderFlags.SEG)
         part = code[..., 0].astype(np.int32) * 256 + code[..., 1] - 1
