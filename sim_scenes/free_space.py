@@ -27,12 +27,15 @@ HIDDEN_M3 = 1.5
 
 
 class FreeSpace:
-    """Distances from any point of a scene's rooms to the nearest surface, with moving things at rest."""
+    """Distances from any point of a scene's rooms to the nearest surface."""
 
-    def __init__(self, scene: Scene) -> None:
+    def __init__(self, scene: Scene, swept: np.ndarray | None = None) -> None:
+        """`swept`: points (N, 3) that moving things come by, counted as surfaces like those of things at rest."""
         self.name = f"scene {scene.name} seed {scene.seed}"
         vertices, faces, _, _ = scene.surface()
         self._samples = surface_samples(vertices, faces, 0.035, np.random.default_rng(scene.seed))
+        if swept is not None:
+            self._samples = np.concatenate([self._samples, swept])
         boxes = [(room.low, room.high) for room in scene.rooms] or [
             (vertices[:, :2].min(0), vertices[:, :2].max(0))
         ]

@@ -7,6 +7,7 @@ import numpy as np
 from dsmap.errors import InputError
 from dsmap.frame import Intrinsics
 from dsmap.sim_scenes.image_effects import LEVELS, Effects
+from dsmap.sim_scenes.moving import MOVING, set_in_motion
 from dsmap.sim_scenes.render import RENDERERS
 from dsmap.sim_scenes.scene import Scene
 from dsmap.sim_scenes.sensors import NOISES, SENSORS
@@ -40,6 +41,8 @@ class RenderOptions:
     """For a scene file: YAML or CSV of its names or ids and their classes (`class_map`); None = built-in names."""
     up: str | None = None
     """For a scene file: `y` or `z`; None = what its format says."""
+    moving: str = "none"
+    """Something that moves while the scene is filmed: `none`, `chair`, `door`, `ball`, `person` (`moving`)."""
     renderer: str = "warp"
     jobs: int = 1
     """Frames rendered side by side (threads); the result does not depend on it."""
@@ -61,6 +64,7 @@ class RenderOptions:
         for name, value, known in (
             ("noise", self.noise, NOISES),
             ("renderer", self.renderer, RENDERERS),
+            ("moving thing", self.moving, MOVING),
             ("image effects", self.effects, LEVELS),
         ):
             if value not in known:
@@ -79,12 +83,20 @@ class RenderOptions:
 class Take:
     """A recording before it is rendered: the camera and what happens in every frame."""
 
+    scene: Scene
+    """What is filmed: the scene that was given, with the bodies of `motion` in it."""
     camera: Intrinsics
     effects: Effects
     poses: np.ndarray
     """T_world_camera of every frame, shape (frames, 4, 4)."""
     covered: np.ndarray
     """Frames in which something covers the lens, bool (frames,)."""
+    T_world_body: np.ndarray | None = None
+    """Poses of `scene.bodies` in every frame, shape (frames, bodies, 4, 4); None where nothing moves."""
+
+    def view(self, frame: int) -> tuple[np.ndarray, np.ndarray | None]:
+        """What a renderer is called with: the poses of camera and bodies in a frame."""
+        return self.poses[frame], None if self.T_world_body is None else self.T_world_body[frame]
 
 
 def camera_of(options: RenderOptions) -> Intrinsics:
@@ -106,10 +118,17 @@ def plan_take(scene: Scene, options: RenderOptions) -> Take:
         InputError: bad options, or a scene without space for the path.
     """
     options.check()
-    poses = camera_path(scene, options.path, options.frames, options.fps, options.seed)
+    motion = None
+    if options.moving != "none":
+        motion = set_in_motion(scene, options.moving, options.frames / options.fps, options.seed)
+        scene = motion.scene
+    poses = camera_path(scene, options.path, options.frames, options.fps, options.seed, motion)
+    times = np.arange(len(poses)) / options.fps
     return Take(
+        scene,
         camera_of(options),
         Effects.sample(options.effects, options.seed),
         poses,
         covered_frames(options.path, len(poses), options.fps, options.seed),
+        motion.at(times) if motion else None,
     )

@@ -14,6 +14,7 @@ import numpy as np
 
 from dsmap.files import atomic_path
 from dsmap.sequences import SequenceWriter
+from dsmap.sequences.bodies import write_bodies
 from dsmap.sequences.mesh import LabelledMesh, write_mesh
 from dsmap.sim_scenes.image_effects import apply, exposure_flow, tremor
 from dsmap.sim_scenes.open_scene import open_scene
@@ -38,6 +39,8 @@ class RenderedFrame:
     """Class ids, uint8; 0 while the lens is covered."""
     instance: np.ndarray
     T_world_camera: np.ndarray
+    T_world_body: np.ndarray | None = None
+    """Poses of the moving bodies, shape (bodies, 4, 4); None where nothing moves."""
 
 
 def iter_frames(scene: Scene, options: RenderOptions, take: Take | None = None) -> Iterator[RenderedFrame]:
@@ -46,18 +49,18 @@ def iter_frames(scene: Scene, options: RenderOptions, take: Take | None = None) 
     `take`: what `plan_take` gave for the same scene and options, if the caller has it already.
     """
     take = take or plan_take(scene, options)
-    finish = _Finish(scene, options, take)
+    finish = _Finish(options, take)
     frames = len(take.poses)
     jobs = max(1, min(options.jobs, frames)) if options.renderer == "warp" else 1
 
     def make() -> Renderer:
-        return open_renderer(options.renderer, scene, take.camera)
+        return open_renderer(options.renderer, take.scene, take.camera)
 
     if jobs == 1:  # OpenGL contexts belong to the thread that made them, so no pool here.
         renderer = make()
         try:
             for index in range(frames):
-                yield finish(index, renderer(take.poses[index]))
+                yield finish(index, renderer(*take.view(index)))
         finally:
             renderer.close()
         return
@@ -67,9 +70,9 @@ def iter_frames(scene: Scene, options: RenderOptions, take: Take | None = None) 
 class _Finish:
     """From a rendered image to a frame: labels, the sensor's depth, the camera's colours."""
 
-    def __init__(self, scene: Scene, options: RenderOptions, take: Take) -> None:
+    def __init__(self, options: RenderOptions, take: Take) -> None:
         self.options, self.take = options, take
-        self.tables, self.sensor = part_tables(scene), SENSORS[options.noise]
+        self.tables, self.sensor = part_tables(take.scene), SENSORS[options.noise]
 
     def __call__(self, index: int, image: Image) -> RenderedFrame:
         options, take = self.options, self.take
@@ -78,7 +81,10 @@ class _Finish:
         depth = self.sensor.measure(true, take.camera, glass, image.rgb, options.seed, index)
         if take.covered[index]:
             rgb, depth, true, label, instance = map(np.zeros_like, (rgb, depth, true, label, instance))
-        return RenderedFrame(index / options.fps, rgb, depth, true, label, instance, take.poses[index])
+        bodies = None if take.T_world_body is None else take.T_world_body[index]
+        return RenderedFrame(
+            index / options.fps, rgb, depth, true, label, instance, take.poses[index], bodies
+        )
 
     def _colours(self, index: int, image: Image) -> np.ndarray:
         """The picture with the camera's effects; it is smeared by the motion since the frame before."""
@@ -106,7 +112,7 @@ def _in_threads(
     def one(index: int) -> RenderedFrame:
         renderer = idle.get()
         try:
-            return finish(index, renderer(take.poses[index]))
+            return finish(index, renderer(*take.view(index)))
         finally:
             idle.put(renderer)
 
@@ -138,7 +144,8 @@ def render_sequence(
 
     Args:
         out: new folder, in the TUM layout with labels (docs of `dsmap.sequences.writer`), plus `mesh.ply`
-            (surface with the class of every face) and `scene.json` (options and version).
+            (surface with the class of every face, without what moves), `bodies.txt` where something moves
+            (`dsmap.sequences.bodies`) and `scene.json` (options and version).
         clean_copy: a second new folder for the same recording with noise `none`, without rendering twice.
         overwrite: replace a sequence that is there.
         progress: wraps the frames (called with their number), as tqdm does.
@@ -172,7 +179,11 @@ def render_sequence(
                     instance=frame.instance,
                 )
     for path, what in targets:
-        write_mesh(Path(path) / "mesh.ply", LabelledMesh(*scene.surface()))
+        write_mesh(Path(path) / "mesh.ply", LabelledMesh(*take.scene.surface(moving=False)))
+        if take.T_world_body is not None:
+            bodies, times = take.scene.bodies, np.arange(len(take.poses)) / options.fps
+            names, instances = [b.name for b in bodies], [b.instance for b in bodies]
+            write_bodies(path, times, names, instances, take.T_world_body)
         record = {k: v for k, v in asdict(what).items() if k != "jobs"}
         with atomic_path(Path(path) / "scene.json") as file:
             file.write_text(json.dumps({"dsmap": version("dsmap"), "options": record}, indent=2) + "\n")

@@ -1,5 +1,7 @@
 """Where planned walks go: from one viewpoint to the next at random, and round trips back to the start."""
 
+from collections.abc import Callable
+
 import numpy as np
 
 from dsmap.sim_scenes.free_space import FreeSpace
@@ -13,9 +15,20 @@ REST_S = 0.6
 """A round trip begins and ends at rest for this long [s]."""
 
 
-def wander(scene: Scene, space: FreeSpace, rng: Rng, seconds: float) -> Tour:
-    """A walk without end from viewpoint to viewpoint, through all rooms in turn, at least `seconds` long."""
-    tour, stops = Tour(scene, space, rng), Viewpoints(scene, space)
+def wander(
+    scene: Scene,
+    space: FreeSpace,
+    rng: Rng,
+    seconds: float,
+    attention: Callable[[float], np.ndarray] | None = None,
+) -> Tour:
+    """A walk without end from viewpoint to viewpoint, through all rooms in turn, at least `seconds` long.
+
+    Where something moves (`attention`: its place (3,) at a time), the walk stays about it.
+    """
+    tour, stops = Tour(scene, space, rng, attention), Viewpoints(scene, space)
+    if attention is not None:
+        return _watch(tour, stops, rng, seconds)
     start = stops.draw(rng, stops.room_of_most())
     tour.begin(space.ways.points[start], stops.target_from(start, rng))
     tour.stand(float(rng.uniform(0.3, 0.8)))
@@ -26,6 +39,20 @@ def wander(scene: Scene, space: FreeSpace, rng: Rng, seconds: float) -> Tour:
         for _ in range(int(rng.integers(1, 4))):
             tour.walk_to(stops.draw(rng, room, away_from=tour.now.xy))
             tour.stand(float(rng.uniform(0.3, 1.6)))
+    return tour
+
+
+def _watch(tour: Tour, stops: "Viewpoints", rng: Rng, seconds: float) -> Tour:
+    """From one place to another from which the tour's `attention` can be seen."""
+    assert tour.attention is not None
+    target = tour.attention(0.0)
+    start = stops.about(rng, target)
+    tour.begin(stops.space.ways.points[start], target)
+    tour.stand(float(rng.uniform(0.5, 1.0)), (tour.now.yaw, tour.now.pitch))
+    tour.now.follows = True
+    while tour.duration() < seconds:
+        tour.walk_to(stops.about(rng, tour.attention(tour.now.time), away_from=tour.now.xy))
+        tour.stand(float(rng.uniform(0.5, 2.0)))
     return tour
 
 
@@ -81,6 +108,21 @@ class Viewpoints:
             far = np.linalg.norm(ways.points[wide] - away_from, axis=1)
             wide = wide[far >= min(1.0, far.max())]
         return int(rng.choice(wide))
+
+    def about(self, rng: Rng, target: np.ndarray, away_from: np.ndarray | None = None) -> int:
+        """A random column from 1.3 to 3.2 m away from a point (3,) that sees it; any column where there is none."""
+        ways = self.space.ways
+        eyes = np.column_stack([ways.points, np.full(len(ways.points), 1.45)])
+        offset = target - eyes
+        distance = np.linalg.norm(offset, axis=1)
+        good = (distance > 1.3) & (distance < 3.2) & (ways.room_left >= min(0.36, ways.room_left.max()))
+        if away_from is not None:
+            good &= np.linalg.norm(ways.points - away_from, axis=1) > 0.6
+        reach = self.space.reach(eyes[good], offset[good] / distance[good, None], 3.2)
+        good[good] = reach > distance[good] - 0.9
+        if good.any():
+            return int(rng.choice(np.flatnonzero(good)))
+        return int(np.argmin(np.abs(distance - 2.0)))
 
     def target_from(self, column: int, rng: Rng) -> np.ndarray | None:
         """One of the scene's targets that is in full sight from a column, (3,)."""

@@ -2,6 +2,7 @@
 at things on the way. All of it is simulated forward in time, so a longer walk begins like a shorter one.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -27,7 +28,7 @@ CARRIED = 0.4
 """Share of the body's bounce that the hands pass on to the camera."""
 GLANCE_S = (1.2, 2.8)
 """How long one thing is looked at [s]."""
-SEEN_M = (0.8, 4.2)
+SEEN_M = (1.1, 4.5)
 """Distance of things worth looking at [m]."""
 VIEWPOINT_CLEARANCE = 0.42
 """Room that a place to stop has on all sides [m], where there is such a place."""
@@ -49,6 +50,8 @@ class _Now:
     gaze: np.ndarray | None = None
     """Point looked at (3,), or None: along the way."""
     gaze_until: float = 0.0
+    follows: bool = False
+    """Whether it looks at the tour's `attention`."""
     time: float = 0.0
 
 
@@ -59,6 +62,8 @@ class Tour:
     scene: Scene
     space: FreeSpace
     rng: Rng
+    attention: Callable[[float], np.ndarray] | None = None
+    """Something that moves and is looked at more than anything else: where it is (3,) at a time [s]."""
     states: list[tuple[float, ...]] = field(default_factory=list)
     """x, y, z, yaw, pitch of each step."""
 
@@ -152,10 +157,16 @@ class Tour:
     def _wanted_gaze(self, ahead: np.ndarray, narrow: bool) -> tuple[float, float]:
         """Heading towards what is being looked at; chooses something new when its time is over."""
         now, walking = self.now, bool(np.linalg.norm(ahead) > 0.05)
-        if narrow and walking:
+        if now.follows and self.attention is not None:
+            now.gaze = self.attention(now.time)
+        if narrow and walking and not now.follows:
             now.gaze, now.gaze_until = None, now.time + 0.5
-        elif now.time >= now.gaze_until or (now.gaze is not None and not self._worth(now.gaze[None])[0]):
-            now.gaze = self._next_gaze(ahead if walking else None)
+        elif now.time >= now.gaze_until or (
+            now.gaze is not None and not now.follows and not self._worth(now.gaze[None])[0]
+        ):
+            now.follows = self._drawn()
+            now.gaze = self.attention(now.time) if now.follows and self.attention else None
+            now.gaze = self._next_gaze(ahead if walking else None) if now.gaze is None else now.gaze
             now.gaze_until = now.time + float(self.rng.uniform(*GLANCE_S))
             if now.gaze is None and not walking:
                 yaw, pitch = self._widest()
@@ -171,7 +182,7 @@ class Tour:
     def _towards(self, target: np.ndarray) -> tuple[float, float]:
         offset = target - self._eye()
         pitch = np.arctan2(offset[2], max(float(np.hypot(offset[0], offset[1])), 0.3))
-        return float(np.arctan2(offset[1], offset[0])), float(np.clip(pitch, np.radians(-38), np.radians(14)))
+        return float(np.arctan2(offset[1], offset[0])), float(np.clip(pitch, np.radians(-38), np.radians(4)))
 
     def _worth(self, targets: np.ndarray) -> np.ndarray:
         """Which points (N, 3) are in sight and at a distance worth looking, bool (N,)."""
@@ -184,6 +195,16 @@ class Tour:
             eyes = np.broadcast_to(self._eye(), unit.shape)
             good[good] = self.space.reach(eyes, unit, SEEN_M[1]) > distance[good] - 0.5
         return good
+
+    def _drawn(self) -> bool:
+        """Whether the next look goes to what moves, if that is in sight."""
+        if self.attention is None or self.rng.random() < 0.1:
+            return False
+        offset = self.attention(self.now.time) - self._eye()
+        distance = float(np.linalg.norm(offset))
+        # Furniture around it is no reason to look away, a wall between is.
+        seen = self.space.reach(self._eye()[None], offset[None] / max(distance, 1e-6), SEEN_M[1])[0]
+        return 0.5 < distance < SEEN_M[1] and seen > distance - 1.6
 
     def _next_gaze(self, ahead: np.ndarray | None) -> np.ndarray | None:
         """Something in sight, preferably on the way and not far off the present heading."""

@@ -7,6 +7,7 @@ from scipy.interpolate import BSpline
 
 from dsmap.errors import InputError
 from dsmap.sim_scenes.free_space import FreeSpace
+from dsmap.sim_scenes.motion import Motion
 from dsmap.sim_scenes.routes import round_trip, wander
 from dsmap.sim_scenes.scene import Scene
 from dsmap.sim_scenes.textures import Rng
@@ -41,13 +42,16 @@ def look(eye: np.ndarray, yaw: np.ndarray, pitch: np.ndarray, roll: np.ndarray) 
     return pose
 
 
-def camera_path(scene: Scene, kind: str, frames: int, fps: float, seed: int) -> np.ndarray:
+def camera_path(
+    scene: Scene, kind: str, frames: int, fps: float, seed: int, motion: Motion | None = None
+) -> np.ndarray:
     """Poses T_world_camera of every frame, float64, shape (frames, 4, 4).
 
     Args:
         kind: one of `PATHS`.
         frames: how many; 0 = as many as the round trip takes (kind `loop` only). A round trip that is given
             more frames goes around again, with fewer it stays unfinished.
+        motion: what moves in the scene: the camera keeps away from everywhere it comes, and walks watch it.
 
     Raises:
         InputError: unknown kind, no number of frames, or a scene without free space.
@@ -58,7 +62,7 @@ def camera_path(scene: Scene, kind: str, frames: int, fps: float, seed: int) -> 
         raise InputError(
             f"frames is {frames}; expected at least 1 (0 only for path loop: as many as it takes)"
         )
-    space = FreeSpace(scene)
+    space = FreeSpace(scene, motion.swept() if motion else None)
     rng = np.random.default_rng([seed, 77])
     if kind == "views":
         return views(scene, space, frames, rng)
@@ -67,7 +71,7 @@ def camera_path(scene: Scene, kind: str, frames: int, fps: float, seed: int) -> 
         frames = frames or int(tour.duration() * fps)
         sampler: Sampler = tour.sampled
     else:
-        sampler = walk(scene, space, frames / fps, rng)
+        sampler = walk(scene, space, frames / fps, rng, motion)
     t = np.arange(frames) / fps
     hands, trial = (np.random.default_rng([seed, k]) for k in (79, 80))
     state = sampler(carried_times(sampler, t, frames / fps, trial) if kind == "jump" else t)
@@ -95,13 +99,15 @@ class _Walk:
         return BSpline(knots, control, 3)(t / KNOT_S)
 
 
-def walk(scene: Scene, space: FreeSpace, seconds: float, rng: Rng) -> Sampler:
+def walk(scene: Scene, space: FreeSpace, seconds: float, rng: Rng, motion: Motion | None = None) -> Sampler:
     """A hand-held walk at a calm pace that looks at one piece of furniture after another.
 
     Its first 10 s are drawn again (up to 40 times) until they cover 4.4 m and 200 degrees; what follows
     continues the tour, so a longer recording begins like a shorter one. Scenes of several rooms, and rooms too
-    narrow for it, have a planned walk (`routes.wander`).
+    narrow for it, have a planned walk (`routes.wander`), and so have scenes in which something moves.
     """
+    if motion is not None:
+        return wander(scene, space, rng, seconds + 1, motion.centre).sampled
     if len(scene.rooms) > 1:
         return wander(scene, space, rng, seconds + 1).sampled
     best, best_score, best_room = None, -1.0, 0.0

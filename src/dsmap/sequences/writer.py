@@ -165,5 +165,5 @@ def remove_sequence(folder: Path) -> None:
         (folder / f"{name}.txt").unlink(missing_ok=True)
         if name != "groundtruth":
             shutil.rmtree(folder / name, ignore_errors=True)
-    for name in (FILE, "classes.json", "mesh.ply"):
+    for name in (FILE, "classes.json", "mesh.ply", "bodies.txt"):
         (folder / name).unlink(missing_ok=True)
