@@ -1,4 +1,4 @@
-"""A map on disk: one safetensors file with the surfels, their label evidence, the trajectory, the configuration."""
+"""A map on disk: one safetensors file with all that a run needs to go on bit for bit where it stopped."""
 
 import dataclasses
 import json
@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import warp as wp
 from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save_file
 
@@ -14,33 +13,52 @@ from dsmap.classes import CLASS_NAMES
 from dsmap.errors import InputError
 from dsmap.files import atomic_path
 from dsmap.fusion.config import MapConfig
+from dsmap.fusion.config_file import fill
 from dsmap.fusion.mapper import Mapper
-from dsmap.kernels.types import ARRAYS, NUM_EVIDENCE, SurfelMap
+from dsmap.fusion.mapper_state import METADATA, mapper_state
+from dsmap.kernels.types import ARRAYS, SurfelMap
 
-FORMAT = "dsmap.map/1"
-"""Marks our files; the number changes when older programs could not read them."""
+FORMAT = "dsmap.map/2"
+"""Marks our files; the number changes when older programs could not read them, or we theirs."""
+_TRAJECTORY = ("times", "poses", "tracked")
+_METADATA = ("config", "intrinsics", "time", METADATA, "run")
 
 
-def save_map(mapper: Mapper, path: Path | str) -> None:
-    """Write everything of a run that a later run or an evaluation needs.
+def save_map(mapper: Mapper, path: Path | str, run: dict[str, Any] | None = None) -> None:
+    """Write everything of a run that a later run or an evaluation needs; the file is whole or absent.
 
     Tensors: the surfel arrays by name (N rows each), `times` (M,), `poses` T_world_camera (M, 4, 4) and
-    `tracked` (M,) of the M frames. Metadata: format, config, intrinsics, classes, frame number.
+    `tracked` (M,) of the M frames, and `state.*` of mapper_state. Metadata: format, config, intrinsics,
+    classes, frame number `time`, the state's plain values, and `run`: whatever the caller wants back.
     """
-    tensors = {name: np.ascontiguousarray(array) for name, array in mapper.surfels.numpy().items()}
     points = mapper.trajectory
-    tensors["times"] = np.array([p.time for p in points], dtype=np.float64)
-    tensors["poses"] = np.array([p.T_world_camera for p in points], dtype=np.float64).reshape(-1, 4, 4)
-    tensors["tracked"] = np.array([p.tracked for p in points], dtype=np.uint8)
+    arrays, plain = mapper_state(mapper)
+    tensors = dict(mapper.surfels.numpy()) | {
+        "times": np.array([p.time for p in points], dtype=np.float64),
+        "poses": np.array([p.T_world_camera for p in points], dtype=np.float64).reshape(-1, 4, 4),
+        "tracked": np.array([p.tracked for p in points], dtype=np.uint8),
+    }
+    tensors |= {f"state.{name}": array for name, array in arrays.items()}
     metadata = {
         "format": FORMAT,
         "config": json.dumps(dataclasses.asdict(mapper.config)),
         "intrinsics": json.dumps(dataclasses.asdict(mapper.intrinsics)),
         "classes": json.dumps(CLASS_NAMES),
         "time": str(mapper.time),
+        METADATA: json.dumps(plain),
+        "run": json.dumps(run or {}),
     }
-    with atomic_path(path) as temporary:
-        save_file(tensors, temporary, metadata=metadata)
+    with atomic_path(path, durable=True) as temporary:
+        save_file({n: np.ascontiguousarray(a) for n, a in tensors.items()}, temporary, metadata=metadata)
+
+
+def read_metadata(path: Path | str) -> dict[str, Any]:
+    """The plain values of a checkpoint: `config`, `intrinsics`, `time`, `state`, `run`; reads no arrays.
+
+    Raises:
+        InputError: there is no such file, it is damaged, or it is not a dsmap map of this version.
+    """
+    return _read(Path(path), with_arrays=False)[1]
 
 
 def load_map(path: Path | str, device: Any = "cpu") -> tuple[SurfelMap, dict[str, Any]]:
@@ -48,12 +66,26 @@ def load_map(path: Path | str, device: Any = "cpu") -> tuple[SurfelMap, dict[str
 
     Returns:
         The surfels, and a dict of `config` (MapConfig), `intrinsics` (dict), `time` (frame number),
-        `times`, `poses`, `tracked` (arrays of the trajectory).
+        `times`, `poses`, `tracked` (arrays of the trajectory), `arrays` and `plain` (the state for
+        `mapper_state.restore`) and `run` (what was given to `save_map`).
 
     Raises:
-        InputError: there is no such file, it is damaged, or it is not a dsmap map.
+        InputError: there is no such file, it is damaged, or it is not a dsmap map of this version.
     """
-    path = Path(path)
+    arrays, meta = _read(Path(path), with_arrays=True)
+    missing = [name for name in (*ARRAYS, *_TRAJECTORY) if name not in arrays]
+    if missing:
+        raise InputError(
+            f"{path}: tensors {', '.join(missing)} are missing; expected a whole dsmap checkpoint"
+        )
+    meta["config"] = fill(MapConfig(), meta["config"], f"{path}: config")
+    meta["plain"] = meta.pop(METADATA)
+    meta["arrays"] = {n.removeprefix("state."): a for n, a in arrays.items() if n.startswith("state.")}
+    return surfels_from(arrays, path, device), meta | {name: arrays[name] for name in _TRAJECTORY}
+
+
+def _read(path: Path, with_arrays: bool) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+    """Tensors by name, and the metadata as plain values."""
     if not path.is_file():
         raise InputError(
             f"{path}: no such file; expected a dsmap checkpoint (checkpoint.safetensors of a run)"
@@ -61,60 +93,38 @@ def load_map(path: Path | str, device: Any = "cpu") -> tuple[SurfelMap, dict[str
     try:
         with safe_open(path, framework="np") as file:
             metadata = file.metadata() or {}
+            names = file.keys() if with_arrays else ()
             if metadata.get("format") != FORMAT:
                 raise InputError(
                     f"{path}: format is {metadata.get('format', 'not stated')!r}; expected {FORMAT!r}, a dsmap map"
                 )
-            arrays = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 (not a dict)
+            arrays = {name: file.get_tensor(name) for name in names}
+        return arrays, {name: json.loads(metadata[name]) for name in _METADATA}
     except (SafetensorError, OSError) as error:
         raise InputError(
             f"{path}: damaged or not a safetensors file ({error}); expected a dsmap checkpoint"
         ) from error
-    missing = [name for name in (*ARRAYS, "times", "poses", "tracked") if name not in arrays]
-    if missing:
-        raise InputError(
-            f"{path}: tensors {', '.join(missing)} are missing; expected a whole dsmap checkpoint"
-        )
-    surfels = _surfels(arrays, path, device)
-    meta = {
-        "config": config_from_dict(json.loads(metadata["config"])),
-        "intrinsics": json.loads(metadata["intrinsics"]),
-        "time": int(metadata["time"]),
-    }
-    return surfels, meta | {name: arrays[name] for name in ("times", "poses", "tracked")}
+    except (KeyError, json.JSONDecodeError) as error:
+        raise InputError(f"{path}: damaged metadata ({error}); expected a whole dsmap checkpoint") from error
 
 
-def config_from_dict(values: dict[str, Any]) -> MapConfig:
-    """A MapConfig from the nested dict of `dataclasses.asdict`; absent fields keep their defaults."""
-    return _fill(MapConfig(), values)
+def surfels_from(arrays: dict[str, np.ndarray], path: Path | str, device: Any) -> SurfelMap:
+    """A SurfelMap on a device from arrays by name.
 
-
-def _fill(config: Any, values: dict[str, Any]) -> Any:
-    known = {field.name: getattr(config, field.name) for field in dataclasses.fields(config)}
-    changes = {}
-    for name, value in values.items():
-        if name not in known:
-            raise InputError(f"configuration: unknown parameter {name!r}; expected one of {', '.join(known)}")
-        if dataclasses.is_dataclass(known[name]):
-            changes[name] = _fill(known[name], value)
-        else:
-            changes[name] = tuple(value) if isinstance(known[name], tuple) else value
-    return dataclasses.replace(config, **changes)
-
-
-def _surfels(arrays: dict[str, np.ndarray], path: Path, device: Any) -> SurfelMap:
+    Raises:
+        InputError: an array is not of the type or length that its name promises.
+    """
     count = len(arrays["position"])
     surfels = SurfelMap.empty(device, max(count, 1))
     for name in ARRAYS:
         ours, theirs = getattr(surfels, name), arrays[name]
-        shape = (count, *ours.numpy().shape[1:])
-        if theirs.shape != shape:
-            raise InputError(f"{path}: tensor {name} has shape {theirs.shape}; expected {shape}")
-        if count:
-            wp.copy(
-                ours,
-                wp.array(theirs, dtype=ours.dtype, device=device),
-                count=count * (NUM_EVIDENCE if name == "evidence" else 1),
+        like = ours.numpy()
+        if theirs.shape != (count, *like.shape[1:]) or theirs.dtype != like.dtype:
+            raise InputError(
+                f"{path}: tensor {name} has {theirs.dtype} of shape {theirs.shape}; "
+                f"expected {like.dtype} of {(count, *like.shape[1:])}"
             )
+        if count:
+            ours[:count].assign(theirs)
     surfels.count = count
     return surfels

@@ -69,7 +69,8 @@ def _judged(run: Run, loop: dict[str, Any], true: dict[int, np.ndarray]) -> dict
         raise InputError(
             f"{run.path}/loops.json: a loop without {error}; expected frame, frame_destination and T_destination_frame"
         ) from error
-    if not (0 <= source < len(run.times) and 0 <= destination < len(run.times)):
+    # A negative destination is a frame of the earlier recording in whose map this one started.
+    if not (0 <= source < len(run.times) and destination < len(run.times)):
         raise InputError(
             f"{run.path}/loops.json: a loop of frames {source} and {destination}; expected 0 to {len(run.times) - 1}"
         )

@@ -14,23 +14,32 @@ from dsmap.files import atomic_path
 from dsmap.fusion.checkpoint import save_map
 from dsmap.fusion.export import write_ply, write_trajectory
 from dsmap.fusion.mapper import Mapper
+from dsmap.fusion.mapper_state import record_values
+from dsmap.fusion.trajectory import TrajectoryPoint
 
+CHECKPOINT = "checkpoint.safetensors"
+"""Name of the checkpoint in a RUN folder."""
 WARM_UP = 5
 """First frames that speed figures leave out: caches are cold and buffers grow."""
 
 
-def save_run(mapper: Mapper, run_dir: Path, *, with_probabilities: bool = False) -> None:
-    """Write map.ply, labels.ply, trajectory.txt, classes.json and checkpoint.safetensors.
+def save_run(
+    mapper: Mapper, run_dir: Path, *, with_probabilities: bool = False, checkpoint: bool = True
+) -> None:
+    """Write map.ply, labels.ply, trajectory.txt, loops.json, classes.json and checkpoint.safetensors.
 
-    Every file is whole or absent: each is written under a temporary name and renamed.
+    Every file is whole or absent: each is written under a temporary name and renamed. Trajectory and loops
+    are those of this recording; frames of an earlier one, whose map it started in, have negative numbers.
     """
     surfels = mapper.surfels.numpy()
     probabilities = mapper.probabilities() if with_probabilities else None
     write_ply(run_dir / "map.ply", surfels, probabilities=probabilities)
     write_ply(run_dir / "labels.ply", surfels, colour="label")
-    write_trajectory(run_dir / "trajectory.txt", [(p.time, p.T_world_camera) for p in mapper.trajectory])
+    write_trajectory(run_dir / "trajectory.txt", [(p.time, p.T_world_camera) for p in _points(mapper)])
+    write_json(run_dir / "loops.json", {"loops": _loops(mapper)})
     write_classes(run_dir / "classes.json")
-    save_map(mapper, run_dir / "checkpoint.safetensors")
+    if checkpoint:
+        save_map(mapper, run_dir / CHECKPOINT)
 
 
 def write_yaml(path: Path, values: Any) -> None:
@@ -55,20 +64,23 @@ def statistics(mapper: Mapper, skipped: int, wall_s: float) -> dict[str, Any]:
 
     fps is that of mapping alone: no decoding, no first WARM_UP frames; wall_s is everything.
     """
-    frames, surfels = len(mapper.trajectory), mapper.surfels
-    tracked = mapper.tracked_frames
+    points, surfels = _points(mapper), mapper.surfels
+    frames, tracked = len(points), sum(point.tracked for point in points)
+    weight, loops = surfels.numpy()["weight"], _loops(mapper)
+    living = int((weight > 0).sum())
     stages = {name: float(np.mean(ms[WARM_UP:] or ms)) for name, ms in mapper.stages_ms.items() if ms}
     busy_ms = sum(sum(ms[WARM_UP:] or ms) for ms in mapper.stages_ms.values())
     counted = max(frames - WARM_UP, 0) or frames
     return {
         "map": {
             "frames": frames,
-            "surfels": surfels.count,
-            "stable_surfels": int((surfels.numpy()["weight"] >= mapper.config.surfels.stable_weight).sum()),
-            "graph_nodes": 0,
-            "local_loops": 0,
-            "global_loops": 0,
-            "bytes_per_surfel": surfels.nbytes / surfels.count if surfels.count else None,
+            "surfels": living,
+            "stable_surfels": int((weight >= mapper.config.surfels.stable_weight).sum()),
+            "graph_nodes": loops[-1]["nodes"] if loops else 0,
+            "local_loops": sum(loop["kind"] == "local" for loop in loops),
+            "global_loops": sum(loop["kind"] == "global" for loop in loops),
+            "keyframes": len(mapper.closer.ferns) if mapper.closer else 0,
+            "bytes_per_surfel": surfels.nbytes / living if living else None,
         },
         "tracking": {
             "tracked_frames": tracked,
@@ -83,3 +95,15 @@ def statistics(mapper: Mapper, skipped: int, wall_s: float) -> dict[str, Any]:
             "peak_rss_bytes": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024,
         },
     }
+
+
+def _points(mapper: Mapper) -> list[TrajectoryPoint]:
+    """The frames of this recording."""
+    return mapper.trajectory[mapper.first_frame :]
+
+
+def _loops(mapper: Mapper) -> list[dict[str, Any]]:
+    """The loops that this recording closed, with its own frame numbers."""
+    loops = [record_values(record) for record in mapper.loops if record.frame >= mapper.first_frame]
+    shift = {"frame", "frame_destination"}
+    return [{k: v - mapper.first_frame if k in shift else v for k, v in loop.items()} for loop in loops]

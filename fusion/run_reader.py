@@ -47,8 +47,10 @@ def load_run(path: Path | str, device: Any = "cpu") -> Run:
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder; expected a RUN folder that `dsmap map` wrote")
     surfels, meta = load_map(folder / "checkpoint.safetensors", device)
+    first = meta["plain"]["first_frame"]  # frames before belong to an earlier recording
+    times, poses, tracked = (meta[name][first:] for name in ("times", "poses", "tracked"))
     return Run(
-        folder, surfels, meta["config"], meta["times"], meta["poses"], meta["tracked"].astype(bool),
+        folder, surfels, meta["config"], times, poses, tracked.astype(bool),
         settings=_read(folder / "config.yaml", yaml.safe_load, yaml.YAMLError),
         stats=_read(folder / "stats.json", json.loads, json.JSONDecodeError),
         loops=_read(folder / "loops.json", json.loads, json.JSONDecodeError).get("loops"),

@@ -19,20 +19,20 @@ class Schedule:
 
     def __init__(self, config: LabelConfig):
         self.config = config
-        self._frames = 0
-        self._last: np.ndarray | None = None
+        self.frames = 0
+        self.last: np.ndarray | None = None
 
     def due(self, T_world_camera: np.ndarray) -> bool:
         """Whether this tracked frame is to be segmented. Call once a frame, in order."""
-        self._frames += 1
+        self.frames += 1
         if self.config.every > 0:
-            return (self._frames - 1) % self.config.every == 0
-        if self._last is not None:
-            moved = inverse(self._last) @ T_world_camera
+            return (self.frames - 1) % self.config.every == 0
+        if self.last is not None:
+            moved = inverse(self.last) @ T_world_camera
             near = np.linalg.norm(moved[:3, 3]) < self.config.keyframe_distance
             if near and np.rad2deg(rotation_angle(moved)) < self.config.keyframe_angle_deg:
                 return False
-        self._last = T_world_camera.copy()
+        self.last = T_world_camera.copy()
         return True
 
 

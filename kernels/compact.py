@@ -43,6 +43,15 @@ class Sweep:
         self.surfels, self.blocks, self.rows = surfels, blocks, rows
         self._to = self._next = 0  # [to, next) is the gap; no sweep runs where next == 0
 
+    @property
+    def cursor(self) -> tuple[int, int]:
+        """Rows (to, next) between which the gap lies; next is 0 where no sweep runs. May be set, to go on."""
+        return self._to, self._next
+
+    @cursor.setter
+    def cursor(self, rows: tuple[int, int]) -> None:
+        self._to, self._next = rows
+
     def step(self) -> bool:
         """One frame's share, or the start of a sweep where one pays; returns whether surfels were moved."""
         m = self.surfels

@@ -7,8 +7,9 @@ from test_kernels_odometry import INTRINSICS, room
 from dsmap.classes import CLASS_NAMES
 from dsmap.errors import InputError
 from dsmap.frame import Frame, Intrinsics
-from dsmap.fusion.checkpoint import config_from_dict, load_map
+from dsmap.fusion.checkpoint import load_map
 from dsmap.fusion.config import LabelConfig, MapConfig
+from dsmap.fusion.config_file import fill
 from dsmap.fusion.lie import exp_se3, inverse
 from dsmap.fusion.mapper import Mapper
 from dsmap.fusion.semantics import GroundTruthSegmenter, Schedule
@@ -154,7 +155,7 @@ def test_foreign_checkpoints_are_refused(tmp_path):
         with pytest.raises(InputError, match=message):
             load_map(path)
     with pytest.raises(InputError, match="unknown parameter 'colour'"):
-        config_from_dict({"colour": 1})
+        fill(MapConfig(), {"colour": 1}, "configuration")
 
 
 def test_results_do_not_depend_on_the_number_of_threads(tmp_path):

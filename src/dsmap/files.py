@@ -9,8 +9,10 @@ from dsmap.errors import InputError
 
 
 @contextlib.contextmanager
-def atomic_path(path: Path | str) -> Iterator[Path]:
+def atomic_path(path: Path | str, durable: bool = False) -> Iterator[Path]:
     """Yield a temporary path beside `path`; rename it to `path` on success, delete it on failure.
+
+    `durable` waits for the disk before the old file goes: for what must outlive a power cut, not only a crash.
 
     The temporary name keeps the suffix, so that writers which look at it (images, arrays) still work.
 
@@ -23,6 +25,9 @@ def atomic_path(path: Path | str) -> Iterator[Path]:
         path.parent.mkdir(parents=True, exist_ok=True)
         yield temporary
         os.chmod(temporary, 0o666 & ~_umask())  # some writers make files that only their owner can read
+        if durable:
+            with open(temporary, "rb") as file:
+                os.fsync(file.fileno())
         os.replace(temporary, path)
     except OSError as error:
         raise InputError(f"cannot write {path}: {error.strerror or error}") from error

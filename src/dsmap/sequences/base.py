@@ -149,6 +149,12 @@ class Sequence:
         """The same frames at another (width, height), from the recording's own images."""
         return Sequence(self.recording, self.calibration, size, self.entries, self.undistort)
 
+    def rest(self, first: int) -> "Sequence":
+        """The frames from position `first` on; may be none."""
+        entries = self.entries[first:]
+        own = self.intrinsics
+        return Sequence(self.recording, self.calibration, (own.width, own.height), entries, self.undistort)
+
     def labelled(self) -> list[int]:
         """Positions of the frames that have ground-truth labels."""
         return [i for i, entry in enumerate(self.entries) if entry.label is not None]

@@ -1,0 +1,89 @@
+"""Configurations as plain values: a dataclass of parameters from the nested dict of a YAML or JSON file."""
+
+import dataclasses
+import types
+import typing
+from pathlib import Path
+from typing import Any, Literal, TypeVar
+
+from dsmap.errors import InputError
+
+T = TypeVar("T")
+
+
+def fill(default: T, values: dict[str, Any], where: str) -> T:
+    """A copy of a dataclass with the given values; absent fields keep theirs.
+
+    Args:
+        default: an instance of a dataclass, whose fields may be dataclasses themselves.
+        values: nested dict of plain values, by field name.
+        where: the file, or whatever messages should name.
+
+    Raises:
+        InputError: an unknown parameter, or a value of the wrong type.
+    """
+    if not isinstance(values, dict):
+        raise InputError(f"{where}: found {values!r}; expected parameters by name")
+    names = [field.name for field in dataclasses.fields(default)]  # type: ignore[arg-type]
+    hints = typing.get_type_hints(type(default))
+    changes = {}
+    for name, value in values.items():
+        if name not in names:
+            raise InputError(f"{where}: unknown parameter {name!r}; expected one of {', '.join(names)}")
+        old = getattr(default, name)
+        if dataclasses.is_dataclass(old):
+            changes[name] = fill(old, value, f"{where}: {name}")
+        else:
+            changes[name] = _checked(value, hints[name], f"{where}: {name}")
+    return dataclasses.replace(default, **changes)  # type: ignore[type-var]
+
+
+def _checked(value: Any, hint: Any, where: str) -> Any:
+    """The value as the type wants it (lists become tuples, whole numbers floats)."""
+    for option in typing.get_args(hint) if _is_union(hint) else (hint,):
+        fits, converted = _fitted(value, option, where)
+        if fits:
+            return converted
+    raise InputError(f"{where} is {value!r}; expected {_describe(hint)}")
+
+
+def _fitted(value: Any, hint: Any, where: str) -> tuple[bool, Any]:
+    origin, arguments = typing.get_origin(hint), typing.get_args(hint)
+    if hint is Any:
+        return True, value
+    if hint in (None, type(None)):
+        return value is None, None
+    if origin is Literal:
+        if isinstance(value, bool) and not any(isinstance(a, bool) for a in arguments):
+            value = "on" if value else "off"  # YAML reads a bare on or off as a truth value
+        return value in arguments, value
+    if origin is tuple:
+        if not isinstance(value, list | tuple):
+            return False, None
+        return True, tuple(_checked(v, arguments[0], where) for v in value)
+    if hint is float:
+        number = isinstance(value, int | float) and not isinstance(value, bool)
+        return number, float(value) if number else None
+    if hint is int:
+        return isinstance(value, int) and not isinstance(value, bool), value
+    if hint is Path:
+        return isinstance(value, str | Path), Path(value) if isinstance(value, str | Path) else None
+    return isinstance(value, hint), value
+
+
+def _is_union(hint: Any) -> bool:
+    return typing.get_origin(hint) in (typing.Union, types.UnionType)
+
+
+def _describe(hint: Any) -> str:
+    if _is_union(hint):
+        return " or ".join(_describe(option) for option in typing.get_args(hint))
+    origin, arguments = typing.get_origin(hint), typing.get_args(hint)
+    if origin is Literal:
+        return "one of " + ", ".join(str(a) for a in arguments)
+    if origin is tuple:
+        return f"a list of {_describe(arguments[0])}"
+    if hint in (None, type(None)):
+        return "nothing"
+    names = {float: "a number", int: "a whole number", bool: "true or false", str: "text", Path: "a path"}
+    return names.get(hint, str(hint))
