@@ -15,6 +15,7 @@ from dsmap.frame import Frame, Intrinsics, orthonormal
 from dsmap.fusion.config import MapConfig
 from dsmap.fusion.loop_closure import LoopCloser, LoopRecord, Moment
 from dsmap.fusion.moving import MovingThings
+from dsmap.fusion.pose_check import PoseCheck
 from dsmap.fusion.segmenter import Segmenter
 from dsmap.fusion.semantics import Schedule
 from dsmap.fusion.tracker import Health, ModelView, Tracker
@@ -85,6 +86,7 @@ class Mapper:
         self.blocks = Blocks(self.surfels, config.surfels.stable_weight)
         self.sweep = Sweep(self.surfels, self.blocks)
         self.views = Views(config, self.blocks, self.cameras)
+        self.check = PoseCheck(config, self.views)
         looping = config.loops.mode != "off" and config.poses == "track"
         self.closer = LoopCloser(config, intrinsics, self.views) if looping else None
         self.moving = MovingThings(config, self.cameras)
@@ -194,9 +196,11 @@ class Mapper:
             self._relocalise(maps, result)
         else:
             T_prev_cur, result.health = self.tracker.track(maps, self.view)
-            result.tracked, result.reason = result.health.tracked, result.health.reason
+            T, t_min = orthonormal(self.view.T_world_camera @ T_prev_cur), self.view_t_active
+            result.reason = self.check.objection(maps, T, result.health, self.trajectory, t_min)
+            result.tracked = not result.reason
             if result.tracked:
-                self.T_world_camera = orthonormal(self.view.T_world_camera @ T_prev_cur)
+                self.T_world_camera = T
             elif self.closer:
                 self._relocalise(maps, result)
 

@@ -135,7 +135,8 @@ class Relocaliser:
             return f"only {health.inlier_fraction:.0%} of the pixels match the model"
         if health.rms_icp > config.max_rms:
             return f"point-to-plane RMS {health.rms_icp * 1e3:.1f} mm"
-        found = agreement(maps[0], predict_at(T), config)
+        vertex, _, intensity, _ = predict_at(T).levels[0]
+        found = agreement(maps[0], vertex, intensity, config)
         reason = disagreement(found, config)
         return reason or Relocation(T, keyframe, similarity, health, found)
 
@@ -147,15 +148,19 @@ class Relocaliser:
         return self._small.track(preprocess(view.rgb, view.depth, self._small_cameras, _CPU), model)
 
 
-def agreement(frame: FrameMaps, model: ModelView, config: RelocaliseConfig) -> Agreement:
-    """Compare a frame (level 0) with the model predicted from the frame's own pose, pixel by pixel.
+def agreement(frame: FrameMaps, vertex: wp.array, intensity: wp.array, config: RelocaliseConfig) -> Agreement:
+    """Compare a frame with the model rendered from the frame's own pose, pixel by pixel.
 
     A depth agrees if it lies between the nearest and the farthest model depth of its 3x3 pixels, give or
     take the sensor's noise: a pixel's shift at an edge is no disagreement.
+
+    Args:
+        frame: of any pyramid level.
+        vertex, intensity: of the model, at the same level.
     """
     skip = max(frame.vertex.shape[1] // 320, 1)
     z = frame.vertex.numpy()[::skip, ::skip, 2]
-    model_z = model.levels[0][0].numpy()[::skip, ::skip, 2]
+    model_z = vertex.numpy()[::skip, ::skip, 2]
     known = model_z > 0
     farthest = cv2.dilate(model_z, _WINDOW)
     nearest = cv2.erode(np.where(known, model_z, np.float32(1e3)), _WINDOW)
@@ -164,14 +169,12 @@ def agreement(frame: FrameMaps, model: ModelView, config: RelocaliseConfig) -> A
     through = both & (z > farthest + slack)
     same = both & ~through & (z > nearest - slack)
     total = max(np.count_nonzero(both), 1)
-    ncc = correlation(
-        frame.intensity.numpy()[::skip, ::skip], model.levels[0][2].numpy()[::skip, ::skip], same
-    )
+    light, model_light = (image.numpy()[::skip, ::skip] for image in (frame.intensity, intensity))
     return Agreement(
         overlap=float(np.count_nonzero(both) / max(np.count_nonzero(z > 0), 1)),
         same=float(np.count_nonzero(same) / total),
         seen_through=float(np.count_nonzero(through) / total),
-        ncc=ncc,
+        ncc=correlation(light, model_light, same),
     )
 
 

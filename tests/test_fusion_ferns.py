@@ -231,7 +231,8 @@ def test_agreement_says_what_is_wrong(mapped):
 
     def compare(rgb, depth):
         maps = preprocess(rgb, clean_depth(depth, 0.3, 6.0), mapper.cameras, mapper.device)
-        return agreement(maps[0], predict_at(T), config)
+        vertex, _, intensity, _ = predict_at(T).levels[0]
+        return agreement(maps[0], vertex, intensity, config)
 
     good = compare(rgb, depth)
     assert not disagreement(good, config) and good.same > 0.95 and good.seen_through < 0.02 and good.ncc > 0.9
