@@ -131,7 +131,7 @@ def _sliding_wardrobe(rng: Rng, looks: Looks) -> Assembly:
             mirror = panel(door - 0.08, tall - 0.08, 0.004).moved((x, y - 0.0125, 0.1))
             piece.add(mirror, finishes.mirror_glass(looks), "objects")
         for edge in (-1, 1):
-            piece.add(box((0.028, 0.028, tall), (x + edge * (door / 2 - 0.014), y, 0.06)), rail)
+            piece.add(box((0.028, 0.028, tall), (x + edge * (door / 2 - 0.013), y, 0.06)), rail)
     piece.surfaces.append((-width / 2 + 0.05, -depth / 2 + 0.14, width / 2 - 0.05, depth / 2 - 0.05, height))
     return piece
 
