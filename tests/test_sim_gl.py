@@ -39,7 +39,7 @@ def test_all_three_renderers_agree_in_depth_labels_and_looks(kind: str, seed: in
         renderer = open_renderer(name, scene, CAMERA, shadows=False, smooth=True)
         pictures[name] = [renderer(pose) for pose in poses]
         renderer.close()
-    for name in ("mujoco", "pyrender"):
+    for name, alike in (("mujoco", 0.8), ("pyrender", 0.5)):
         for ours, theirs in zip(pictures["warp"], pictures[name], strict=True):
             off, apart = ~edges(ours, label), np.abs(ours.depth - theirs.depth)
             assert off.mean() > 0.3
@@ -52,8 +52,8 @@ def test_all_three_renderers_agree_in_depth_labels_and_looks(kind: str, seed: in
             fair = (theirs.rgb < 250).all(-1)
             assert fair.mean() > 0.6
             a, b = ours.rgb[fair].astype(float), theirs.rgb[fair].astype(float)
-            assert np.corrcoef(a.mean(-1), b.mean(-1))[0, 1] > 0.65  # the textures lie the same way round
-            assert np.corrcoef(a[:, 0] - a[:, 2], b[:, 0] - b[:, 2])[0, 1] > 0.65  # and red is red
+            assert np.corrcoef(a.mean(-1), b.mean(-1))[0, 1] > alike  # the textures lie the same way round
+            assert np.corrcoef(a[:, 0] - a[:, 2], b[:, 0] - b[:, 2])[0, 1] > alike  # and red is red
 
 
 def test_lamps_cast_shadows_in_pyrender() -> None:
