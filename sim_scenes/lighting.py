@@ -34,11 +34,11 @@ class Mood:
 
 WARM, WHITE, COLD = (1.0, 0.86, 0.66), (1.0, 0.94, 0.85), (0.92, 0.97, 1.0)
 MOODS = {
-    "day": Mood(0.15, True, (0.9, 1.1), (0.3, 0.42), (WARM, WHITE)),
-    "grey_day": Mood(1.0, True, (0.85, 1.1), (0.34, 0.46), (WARM, WHITE, COLD)),
-    "evening": Mood(1.0, False, (0.8, 1.05), (0.24, 0.34), (WARM, WARM, WHITE)),
+    "day": Mood(0.15, True, (0.78, 1.0), (0.3, 0.42), (WARM, WHITE)),
+    "grey_day": Mood(1.0, True, (0.74, 0.98), (0.34, 0.46), (WARM, WHITE, COLD)),
+    "evening": Mood(1.0, False, (0.7, 0.94), (0.24, 0.34), (WARM, WARM, WHITE)),
     "dim": Mood(0.6, False, (0.5, 0.65), (0.3, 0.4), (WARM, WHITE)),
-    "strong": Mood(1.0, True, (1.1, 1.25), (0.36, 0.46), (WHITE, COLD)),
+    "strong": Mood(1.0, True, (0.95, 1.15), (0.36, 0.46), (WHITE, COLD)),
 }
 SHARES = {"day": 0.3, "grey_day": 0.25, "evening": 0.22, "dim": 0.08, "strong": 0.15}
 """How often a scene has each mood."""

@@ -1,6 +1,7 @@
 """The palette of one room: materials with seeded colours and textures, made when they are first asked for."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -95,6 +96,14 @@ class Looks:
         if self.rng.random() < 0.15:
             return self.tiled("wood", WOODS)
         return self._woods[self.rng.integers(2)]
+
+    def upright(self, name: str) -> str:
+        """The same material with its texture turned by a quarter: the grain of doors and posts runs upwards."""
+        turned = f"{name}_upright"
+        if turned not in self.materials:
+            look = self.materials[name]
+            self.materials[turned] = replace(look, texture=np.ascontiguousarray(look.texture.transpose(1, 0, 2)))
+        return turned
 
     def case(self) -> str:
         """For cabinets: wood or white lacquer."""

@@ -74,7 +74,7 @@ def _frame(looks: Looks, layout: Layout, wall: Wall, opening: Opening) -> None:
 def _leaf(looks: Looks, width: float, height: float) -> Assembly:
     """A door leaf with panels and handles, its hinge edge at the origin, reaching to x = width, y = 0..0.04."""
     leaf = Assembly("wall", name="door_leaf")
-    wood = looks.case()
+    wood = looks.upright(looks.case())
     leaf.add(box((width, 0.04, height - 0.008), (width / 2, 0.02, 0.008)), wood)
     board = width / 2 - 0.12
     for low, high in ((0.12, 0.85), (0.97, height - 0.14)):

@@ -118,7 +118,7 @@ def _sliding_wardrobe(rng: Rng, looks: Looks) -> Assembly:
     """A wide wardrobe whose two doors slide past each other."""
     piece = Assembly("furniture")
     width, depth, height = rng.uniform(1.5, 2.1), rng.uniform(0.6, 0.66), rng.uniform(2.0, 2.2)
-    wood, rail = looks.case(), finishes.steel(looks)
+    wood, rail = looks.upright(looks.case()), finishes.steel(looks)
     piece.add(box((width, depth - 0.08, height), (0, 0.04, 0)), wood)
     front = -depth / 2
     for z, thick in ((0.0, 0.06), (height - 0.05, 0.05)):
@@ -126,7 +126,10 @@ def _sliding_wardrobe(rng: Rng, looks: Looks) -> Assembly:
     door, tall = width / 2 + 0.02, height - 0.11
     for k, side in enumerate((-1, 1)):
         y, x = front + (0.018, 0.05)[k], side * (width / 2 - door / 2)
-        piece.add(box((door, 0.022, tall), (x, y, 0.06)), looks.case() if k or rng.random() < 0.5 else wood)
+        piece.add(
+            box((door, 0.022, tall), (x, y, 0.06)),
+            looks.upright(looks.case()) if k or rng.random() < 0.5 else wood,
+        )
         if rng.random() < 0.35:
             mirror = panel(door - 0.08, tall - 0.08, 0.004).moved((x, y - 0.0125, 0.1))
             piece.add(mirror, finishes.mirror_glass(looks), "objects")
