@@ -1,11 +1,16 @@
-"""Depth sensor noise: what a Kinect v1 would have measured in place of the true depth."""
+"""Depth like a Kinect v1's, and what all sensor models share: correlated noise, angles of incidence, depth edges.
+
+The noise is C. V. Nguyen, S. Izadi, D. Lovell, Modeling Kinect Sensor Noise for Improved 3D Reconstruction and
+Tracking, 3DIMPVT 2012. It agrees with the theory of K. Khoshelham, S. O. Elberink, Accuracy and Resolution of Kinect
+Depth Data for Indoor Mapping Applications, Sensors 12(2), 2012, sigma_z = 1.425e-3 z^2 [m], which follows from half a
+step of disparity.
+"""
 
 import cv2
 import numpy as np
 
 from dsmap.frame import Intrinsics
 
-NOISES = ("none", "kinect")
 BASELINE_M, FOCAL_PX = 0.075, 580.0
 """Kinect v1 projector baseline and infrared focal length at 640 pixels."""
 DISPARITY_STEP = 0.125
@@ -47,25 +52,25 @@ def kinect_depth(
     height, width = depth.shape
     scale = width / 640.0
     shifted = _lateral_jitter(depth, rng, 0.5 * max(scale, 0.5))
-    cosine = _incidence(shifted, camera)
+    cosine = incidence(shifted, camera)
     focal = FOCAL_PX * scale
     valid = (shifted > RANGE_M[0]) & (shifted < RANGE_M[1]) & ~glass
     z = np.where(shifted > 0, shifted, 1.0).astype(np.float32)
     disparity = BASELINE_M * focal / z
     # A depth error dz is a disparity error b f dz / z^2 (first order).
     sigma = axial_sigma(z, cosine) * BASELINE_M * focal / np.square(z)
-    disparity = disparity + sigma.astype(np.float32) * _correlated(rng, height, width, scale)
+    disparity = disparity + sigma.astype(np.float32) * correlated(rng, height, width, scale)
     step = DISPARITY_STEP * scale
     disparity = np.round(disparity / step) * step
     noisy = BASELINE_M * focal / np.maximum(disparity, step)
-    edge = _edges(depth)
+    edge = depth_edges(depth)
     lost = (cv2.dilate(edge, np.ones((3, 3), np.uint8)) > 0) & (
         rng.random((height, width), np.float32) < 0.55
     )
     valid &= ~_projector_shadow(shifted, BASELINE_M * focal)
     valid &= (cosine > np.cos(np.radians(GRAZING_DEG))) & ~lost & (noisy < RANGE_M[1])
     # Far and dim returns drop out at random, in patches.
-    valid &= ~((z > 4.2) & (_correlated(rng, height, width, 2 * scale) > 5.5 - z))
+    valid &= ~((z > 4.2) & (correlated(rng, height, width, 2 * scale) > 5.5 - z))
     return np.where(valid, noisy, 0).astype(np.float32)
 
 
@@ -73,14 +78,14 @@ def _lateral_jitter(depth: np.ndarray, rng: np.random.Generator, sigma: float) -
     """Resample depth (nearest) at positions displaced by about `sigma` pixels, correlated over 4 px."""
     height, width = depth.shape
     x, y = np.meshgrid(np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32))
-    x += sigma * _correlated(rng, height, width, 2.0)
-    y += sigma * _correlated(rng, height, width, 2.0)
+    x += sigma * correlated(rng, height, width, 2.0)
+    y += sigma * correlated(rng, height, width, 2.0)
     moved = cv2.remap(depth, x, y, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE)
     # Only edges move: inside a surface the displaced sample would add slope-dependent noise of its own.
     return np.where(np.abs(moved - depth) > 0.02 * np.maximum(depth, 0.1), moved, depth)
 
 
-def _correlated(rng: np.random.Generator, height: int, width: int, scale: float) -> np.ndarray:
+def correlated(rng: np.random.Generator, height: int, width: int, scale: float) -> np.ndarray:
     """Unit-variance noise, float32 (H, W), correlated over about 2 * scale pixels."""
     sigma = max(1.2 * scale, 0.6)
     white = rng.standard_normal((height, width), dtype=np.float32)
@@ -90,7 +95,7 @@ def _correlated(rng: np.random.Generator, height: int, width: int, scale: float)
     return smooth / float(np.square(kernel / kernel.sum()).sum())
 
 
-def _incidence(depth: np.ndarray, camera: Intrinsics) -> np.ndarray:
+def incidence(depth: np.ndarray, camera: Intrinsics) -> np.ndarray:
     """Cosine between the viewing ray and the surface normal, from depth differences; float32 (H, W)."""
     z = cv2.GaussianBlur(depth, (3, 3), 0)
     dzdx = cv2.Scharr(z, cv2.CV_32F, 1, 0) / 32
@@ -106,7 +111,7 @@ def _incidence(depth: np.ndarray, camera: Intrinsics) -> np.ndarray:
     return dot / np.maximum(length, 1e-9)
 
 
-def _edges(depth: np.ndarray) -> np.ndarray:
+def depth_edges(depth: np.ndarray) -> np.ndarray:
     """1 at depth discontinuities (a jump of over 4 % to a neighbour), uint8 (H, W)."""
     low = cv2.erode(depth, np.ones((3, 3), np.uint8))
     return (depth - low > 0.04 * np.maximum(depth, 0.1)).astype(np.uint8)

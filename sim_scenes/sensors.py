@@ -6,7 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from dsmap.frame import Intrinsics
-from dsmap.sim_scenes import sensor_noise
+from dsmap.sim_scenes.sensor_azure import azure_depth
+from dsmap.sim_scenes.sensor_d435 import d435_depth
+from dsmap.sim_scenes.sensor_noise import kinect_depth
 
 ROOM_M = 8.0
 """Depth range of a rendered room without a sensor's limits [m]."""
@@ -15,10 +17,10 @@ Noise = Callable[..., np.ndarray]
 
 @dataclass(frozen=True)
 class Sensor:
-    """A depth camera whose depth images are registered to its colour images."""
+    """A camera whose colour and depth images are registered to each other."""
 
     focal: float
-    """fx = fy of the colour camera at a width of 640 [px]."""
+    """fx = fy of both images at a width of 640 [px]."""
     depth_max: float
     """Depth beyond which it is not to be trusted [m], for calibration.yaml."""
     noise: Noise | None
@@ -41,12 +43,15 @@ class Sensor:
 def _kinect(
     depth: np.ndarray, camera: Intrinsics, glass: np.ndarray, rgb: np.ndarray, *, seed: int, frame: int
 ) -> np.ndarray:
-    return sensor_noise.kinect_depth(depth, camera, glass, seed=seed, frame=frame)
+    return kinect_depth(depth, camera, glass, seed=seed, frame=frame)
 
 
 SENSORS = {
     "none": Sensor(525.0, ROOM_M, None),
-    "kinect": Sensor(525.0, ROOM_M, _kinect),
+    "kinect": Sensor(525.0, 5.0, _kinect),
+    "d435": Sensor(616.0, 4.0, d435_depth),
+    "azure": Sensor(504.0, 5.0, azure_depth),
 }
-"""By the name that `--noise` takes."""
+"""By the name that `--noise` takes. Kinect v1 and D435: depth registered to the colour camera (69 degrees wide on
+the D435); Azure Kinect: colour registered to the narrow depth camera (504 px at its 640 columns)."""
 NOISES = tuple(SENSORS)
