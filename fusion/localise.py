@@ -1,9 +1,27 @@
 """Tracking in a saved map without changing it."""
 
-from dsmap.frame import Frame
+import numpy as np
+
+from dsmap.frame import Frame, Intrinsics
+from dsmap.fusion.config import MapConfig
+from dsmap.fusion.integrate import Integrator
 from dsmap.fusion.loop_closure import LoopRecord
 from dsmap.fusion.mapper import Mapper, StepResult
+from dsmap.fusion.segmenter import Segmenter
 from dsmap.kernels.types import FrameMaps
+
+
+class _Onlooker(Integrator):
+    """Leaves the map as it is."""
+
+    def associate(self, T_world_camera: np.ndarray, maps: FrameMaps, t_active: int) -> None:
+        self.visible = self.views.visible(T_world_camera)
+
+    def fuse(self, T_world_camera: np.ndarray, maps: FrameMaps, time: int) -> int:
+        return 0
+
+    def clean_up(self, T_world_camera: np.ndarray, maps: FrameMaps, time: int, t_active: int) -> None:
+        pass
 
 
 class Localiser(Mapper):
@@ -12,25 +30,20 @@ class Localiser(Mapper):
     The whole map is active: there is nothing newer that an old part could be compared with.
     """
 
+    def __init__(self, config: MapConfig, intrinsics: Intrinsics, segmenter: Segmenter | None = None):
+        super().__init__(config, intrinsics, segmenter)
+        self.integrator = _Onlooker(config, self.views)
+
     @property
     def _t_active(self) -> int:
         return 0
 
     def _relocalise(self, maps: list[FrameMaps], result: StepResult) -> None:
         assert self.closer is not None
-        found = self.closer.relocalise(maps, self.time)
+        found = self.closer.relocalise(maps, self.time, self.trajectory)
         if found is not None:
             self.T_world_camera = found
             result.tracked = result.relocalised = True
-
-    def _associate(self, maps: FrameMaps) -> None:
-        self._visible = self.visible(self.T_world_camera)
-
-    def _fuse(self, maps: FrameMaps) -> int:
-        return 0
-
-    def _clean_up(self, maps: FrameMaps) -> None:
-        pass
 
     def _segment(self, frame: Frame) -> None:
         return None

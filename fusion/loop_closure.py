@@ -21,7 +21,7 @@ from dsmap.fusion.loop_checks import Overlap, explained_rms, objection, overlap
 from dsmap.fusion.loop_constraints import ClosedLoops, constraints
 from dsmap.fusion.relocalise import Relocaliser
 from dsmap.fusion.tracker import Health, ModelView, Tracker
-from dsmap.fusion.trajectory import TrajectoryPoint, poses_of, way
+from dsmap.fusion.trajectory import TrajectoryPoint, extrapolated, poses_of, way
 from dsmap.fusion.views import Views
 from dsmap.kernels.deform import INFLUENCES
 from dsmap.kernels.reactivate import reactivate
@@ -130,11 +130,17 @@ class LoopCloser:
             changed = self._global(now, try_it=not changed) or changed
         return changed
 
-    def relocalise(self, frame: Sequence[FrameMaps], time: int) -> np.ndarray | None:
-        """T_world_camera of a frame that tracking lost, found by keyframes in the whole map, or None."""
+    def relocalise(
+        self, frame: Sequence[FrameMaps], time: int, trajectory: list[TrajectoryPoint]
+    ) -> np.ndarray | None:
+        """T_world_camera of a frame that tracking lost, found in the whole map, or None.
+
+        Sought where the last motion would have led, then by keyframes.
+        """
         small = small_view(frame[0].colour.numpy(), frame[0].vertex.numpy()[..., 2], self.ferns.size)
         candidates = self.ferns.candidates(self.ferns.encode(small), time, min_age=0)
-        found = self._relocaliser.relocalise(frame, small, candidates, self._whole)
+        guesses = extrapolated(trajectory)
+        found = self._relocaliser.relocalise(frame, small, candidates, self._whole, guesses)
         return None if found is None else found.T_world_camera
 
     def wake(self, frame: Sequence[FrameMaps], T_world_camera: np.ndarray, time: int, t_active: int) -> None:
@@ -145,7 +151,7 @@ class LoopCloser:
     def _local(self, now: Moment) -> bool:
         self._render_inactive(now.T_world_camera, now.t_active)
         seen = overlap(now.view.levels[self.level], (self._inactive.vertex,))
-        if seen.inactive < _MIN_STRIP:
+        if seen.both < _MIN_STRIP:
             return False
         inactive = self.views.pyramid(now.T_world_camera, self._inactive, self.level)
         if now.time - self.verified <= self.loops.trust and self._agrees(now, inactive, seen):

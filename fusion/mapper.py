@@ -13,6 +13,7 @@ import warp as wp
 from dsmap.errors import InputError
 from dsmap.frame import Frame, Intrinsics, orthonormal
 from dsmap.fusion.config import MapConfig
+from dsmap.fusion.integrate import Integrator
 from dsmap.fusion.loop_closure import LoopCloser, LoopRecord, Moment
 from dsmap.fusion.moving import MovingThings
 from dsmap.fusion.pose_check import PoseCheck
@@ -21,13 +22,10 @@ from dsmap.fusion.semantics import Schedule
 from dsmap.fusion.tracker import Health, ModelView, Tracker
 from dsmap.fusion.trajectory import TrajectoryPoint
 from dsmap.fusion.views import Views, pyramid_cameras
-from dsmap.kernels.associate import associate
 from dsmap.kernels.compact import Sweep
 from dsmap.kernels.culling import Blocks
-from dsmap.kernels.fuse import fuse_frame
-from dsmap.kernels.label import posterior, update_labels
+from dsmap.kernels.label import posterior
 from dsmap.kernels.preprocess import clean_depth, preprocess
-from dsmap.kernels.prune import prune
 from dsmap.kernels.types import FrameMaps, SurfelMap
 
 LEVELS = 3
@@ -84,8 +82,8 @@ class Mapper:
         self.schedule = Schedule(config.labels)
         self.surfels = SurfelMap.empty(self.device)
         self.blocks = Blocks(self.surfels, config.surfels.stable_weight)
-        self.sweep = Sweep(self.surfels, self.blocks)
         self.views = Views(config, self.blocks, self.cameras)
+        self.integrator = Integrator(config, self.views)
         self.check = PoseCheck(config, self.views)
         looping = config.loops.mode != "off" and config.poses == "track"
         self.closer = LoopCloser(config, intrinsics, self.views) if looping else None
@@ -99,7 +97,6 @@ class Mapper:
         self.T_world_camera = np.eye(4)
         self.trajectory: list[TrajectoryPoint] = []
         self.maps = self.views.empty()
-        self._match = wp.empty((intrinsics.height, intrinsics.width), dtype=wp.int32, device=self.device)
         self._clock: dict[str, float] = {}
         self.stages_ms: dict[str, list[float]] = defaultdict(list)
 
@@ -107,7 +104,7 @@ class Mapper:
         """Go on with this map: a new one, or one that was loaded; it lies on the mapper's device."""
         self.surfels = self.blocks.surfels = surfels
         self.blocks.forget()
-        self.sweep = Sweep(surfels, self.blocks)
+        self.integrator.sweep = Sweep(surfels, self.blocks)
 
     def step(self, frame: Frame) -> StepResult:
         """Process one frame: preprocess, track, mask, associate, fuse, clean up, segment, label, predict, loops."""
@@ -122,15 +119,17 @@ class Mapper:
             with self._stage("moving"):
                 result.moving = self.moving.mask(maps, self.trajectory)
             with self._stage("associate"):
-                self._associate(maps[0])
+                self.integrator.associate(self.T_world_camera, maps[0], self._t_active)
             with self._stage("fuse"):
-                result.inserted = self._fuse(maps[0])
+                result.inserted = self.integrator.fuse(self.T_world_camera, maps[0], self.time)
             with self._stage("clean up"):
-                self._clean_up(maps[0])
+                self.integrator.clean_up(self.T_world_camera, maps[0], self.time, self._t_active)
             with self._stage("segment"):
                 probabilities = self._segment(frame)
             with self._stage("label"):
-                result.segmented = self._label(maps[0], probabilities)
+                result.segmented = self.integrator.label(
+                    self.T_world_camera, maps[0], probabilities, self._t_active
+                )
             with self._stage("predict"):
                 self._predict()
             with self._stage("loops"):
@@ -158,6 +157,11 @@ class Mapper:
         from dsmap.fusion.run_folder import save_run
 
         save_run(self, Path(run_dir))
+
+    @property
+    def sweep(self) -> Sweep:
+        """The compaction under way."""
+        return self.integrator.sweep
 
     @property
     def loops(self) -> list[LoopRecord]:
@@ -206,7 +210,7 @@ class Mapper:
 
     def _relocalise(self, maps: list[FrameMaps], result: StepResult) -> None:
         assert self.closer is not None
-        found = self.closer.relocalise(maps, self.time)
+        found = self.closer.relocalise(maps, self.time, self.trajectory)
         if found is not None:
             self.T_world_camera = found
             self.closer.wake(maps, found, self.time, self._t_active)
@@ -223,53 +227,16 @@ class Mapper:
         """Blocks of the map that may hold what a frame from this pose sees: `visible` of the kernels' launchers."""
         return self.views.visible(T_world_camera)
 
-    def _associate(self, maps: FrameMaps) -> None:
-        surfels = self.config.surfels
-        self._visible = self.visible(self.T_world_camera)
-        associate(
-            self.surfels, self.camera, self.T_world_camera, maps.vertex, maps.normal, maps.edge, match=self._match,
-            max_ray_distance=surfels.max_ray_distance, max_ray_distance_z2=surfels.ray_distance_z2,
-            max_angle=surfels.max_angle, t_min=self._t_active, visible=self._visible,
-        )  # fmt: skip
-
-    def _fuse(self, maps: FrameMaps) -> int:
-        T, camera = self.T_world_camera, self.camera
-        return fuse_frame(self.surfels, camera, T, maps, self._match, time=self.time)
-
-    def _clean_up(self, maps: FrameMaps) -> None:
-        surfels, walk = self.config.surfels, self._visible
-        if self.time % surfels.clean_every == 0:
-            walk = self.blocks.to_clean(walk, self.time, surfels.unstable_frames)
-            prune(
-                self.surfels, self.camera, self.T_world_camera, maps.depth, maps.edge, self._match, time=self.time,
-                stable_weight=surfels.stable_weight, max_unseen=surfels.unstable_frames, t_min=self._t_active,
-                margin=surfels.max_ray_distance, margin_z2=surfels.ray_distance_z2, walk=walk,
-            )  # fmt: skip
-        self.blocks.measure(walk)
-        self.sweep.step()
-        self._visible = self.visible(self.T_world_camera)  # with the frame's new surfels
-
     def _segment(self, frame: Frame) -> np.ndarray | None:
         if self.segmenter is None or not self.schedule.due(self.T_world_camera):
             return None
         return self.segmenter(frame)
 
-    def _label(self, maps: FrameMaps, probabilities: np.ndarray | None) -> bool:
-        if probabilities is None:
-            return False
-        update_labels(
-            self.surfels, self.camera, self.T_world_camera, maps.depth, maps.edge, probabilities,
-            rule=self.config.labels.rule, floor=self.config.labels.floor,
-            max_distance=self.config.surfels.max_ray_distance, max_distance_z2=self.config.surfels.ray_distance_z2,
-            t_min=self._t_active, visible=self._visible,
-        )  # fmt: skip
-        return True
-
     def _predict(self) -> None:
         """The active model's view from the camera, which the next frame is tracked against."""
         self.view_t_active = self._t_active
         T, t_min = self.T_world_camera, self.view_t_active
-        self.views.render(T, self.maps, t_min=t_min, visible=self._visible)
+        self.views.render(T, self.maps, t_min=t_min, visible=self.integrator.visible)
         self.view = self.views.pyramid(T, self.maps)
 
     def _close_loops(self, maps: list[FrameMaps]) -> LoopRecord | None:
@@ -279,7 +246,7 @@ class Mapper:
         now = Moment(maps, self.view, self.maps, self.time, self._t_active, self.trajectory)
         if self.closer.close(now):
             self.T_world_camera = self.trajectory[-1].T_world_camera.copy()
-            self._visible = self.visible(self.T_world_camera)
+            self.integrator.visible = self.visible(self.T_world_camera)
             self._predict()
         return self.closer.records[-1] if len(self.closer.records) > before else None
 

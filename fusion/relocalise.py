@@ -6,6 +6,7 @@ where that puts the camera, must register at full size; and the whole depth and 
 with the model, because look-alike places agree where they were registered and differ elsewhere.
 """
 
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -16,7 +17,7 @@ import warp as wp
 
 from dsmap.frame import Intrinsics, orthonormal
 from dsmap.fusion.config import RelocaliseConfig, TrackConfig
-from dsmap.fusion.ferns import Keyframe, SmallView
+from dsmap.fusion.ferns import Keyframe, SmallView, small_view
 from dsmap.fusion.tracker import Health, ModelView, Tracker
 from dsmap.kernels.camera import make_camera
 from dsmap.kernels.preprocess import preprocess
@@ -24,6 +25,8 @@ from dsmap.kernels.types import FrameMaps
 
 _SMALL_LEVELS = 2
 """Pyramid levels of a small view: 80x60 and 40x30."""
+_GUESS = -1
+"""Index of a keyframe that is a guess."""
 _CPU = wp.get_device("cpu")
 _WINDOW = np.ones((3, 3), np.uint8)
 
@@ -73,7 +76,7 @@ class Relocaliser:
         size: tuple[int, int],
     ):
         self.config = config
-        h, w = size
+        self._size = h, w = size
         self._small_cameras = [
             make_camera(intrinsics.scaled(w >> level, h >> level)) for level in range(_SMALL_LEVELS)
         ]
@@ -94,6 +97,7 @@ class Relocaliser:
         view: SmallView,
         candidates: Sequence[tuple[Keyframe, float]],
         predict_at: Callable[[np.ndarray], ModelView],
+        guesses: Sequence[np.ndarray] = (),
     ) -> Relocation | None:
         """The pose of a frame in the map, or None.
 
@@ -102,13 +106,16 @@ class Relocaliser:
             view: the frame's small view.
             candidates: of the fern database, best first.
             predict_at: renders the model at T_world_camera; all of it, or its inactive part only.
+            guesses: poses T_world_camera near which the camera may be, tried first.
         """
         self.rejected = []
-        for keyframe, similarity in candidates:
+        imagined = ((self._imagined(predict_at(T)), 1.0) for T in guesses)
+        for keyframe, similarity in itertools.chain(imagined, candidates):
             found = self._verify(maps, view, keyframe, similarity, predict_at)
             if isinstance(found, Relocation):
                 return found
-            self.rejected.append(f"keyframe {keyframe.index}: {found}")
+            name = "guess" if keyframe.index == _GUESS else f"keyframe {keyframe.index}"
+            self.rejected.append(f"{name}: {found}")
         return None
 
     def _verify(
@@ -139,6 +146,13 @@ class Relocaliser:
         found = agreement(maps[0], vertex, intensity, config)
         reason = disagreement(found, config)
         return reason or Relocation(T, keyframe, similarity, health, found)
+
+    def _imagined(self, model: ModelView) -> Keyframe:
+        """A keyframe that was never taken: the model rendered from a guessed pose."""
+        vertex, _, intensity, _ = model.levels[0]
+        grey = np.repeat(intensity.numpy()[..., None], 3, axis=2)
+        view = small_view(grey, vertex.numpy()[..., 2], self._size)
+        return Keyframe(_GUESS, view, model.T_world_camera, _GUESS)
 
     def _align_small(self, view: SmallView, keyframe: SmallView) -> tuple[np.ndarray, Health]:
         """T_keyframe_camera from the two small views: rotation only first, then all six."""

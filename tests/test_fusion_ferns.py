@@ -1,21 +1,14 @@
-"""The keyframe database against a slow twin, and finding a camera in a mapped room."""
+"""The keyframe database against a slow twin: likeness, novelty, age, state, speed."""
 
 import time
 
 import numpy as np
 import pytest
-from test_kernels_odometry import INTRINSICS, room
+from test_kernels_odometry import INTRINSICS
 
-from dsmap.frame import Frame
-from dsmap.fusion.config import FernConfig, MapConfig
+from dsmap.fusion.config import FernConfig
 from dsmap.fusion.ferns import NO_DATA, FernDatabase, SmallView, small_size, small_view
-from dsmap.fusion.lie import exp_se3, inverse, rotation_angle
-from dsmap.fusion.mapper import LEVELS, Mapper
-from dsmap.fusion.relocalise import Relocaliser, agreement, disagreement
-from dsmap.fusion.tracker import ModelView
-from dsmap.kernels.predict import predict_model
-from dsmap.kernels.preprocess import clean_depth, intensity_map, preprocess
-from dsmap.kernels.types import ModelMaps
+from dsmap.fusion.lie import exp_se3
 
 SIZE = (18, 24)
 
@@ -164,82 +157,3 @@ def test_small_view_averages_colour_but_never_depth():
     assert set(np.unique(view.depth)) == {0, 1, 3}
     assert (view.depth[:6, :4] == 0).all() and (view.rgb[view.depth == 1] == 51).all()
     assert small_size(INTRINSICS, 80) == (60, 80) and small_size(INTRINSICS, 500) == (72, 96)
-
-
-@pytest.fixture(scope="module")
-def mapped():
-    """A mapped room, its ferns, a relocaliser and the function that renders the map."""
-    mapper = Mapper(MapConfig(depth_max=6.0, poses="given"), INTRINSICS)
-    size = small_size(INTRINSICS, 48)
-    ferns = FernDatabase(FernConfig(novelty=0.2), size, (0.3, 6.0))
-    for i in range(16):
-        T = exp_se3(np.array([0.012 * i, 0.004 * i, 0, 0, -0.01 * i, 0]))
-        rgb, depth = room(T)
-        mapper.step(Frame(i, i / 30, rgb, depth, T))
-        maps = preprocess(rgb, clean_depth(depth, 0.3, 6.0), mapper.cameras, mapper.device)
-        view = small_view(maps[0].colour.numpy(), maps[0].vertex.numpy()[..., 2], size)
-        ferns.add_if_novel(ferns.encode(view), view, T, i)
-
-    def predict_at(T: np.ndarray) -> ModelView:
-        maps = ModelMaps.empty(INTRINSICS.height, INTRINSICS.width, mapper.device)
-        predict_model(mapper.surfels, mapper.camera, T, max_depth=6.0, maps=maps)
-        return ModelView(maps.vertex, maps.normal, intensity_map(maps.colour), LEVELS, T)
-
-    relocaliser = Relocaliser(mapper.config.relocalise, mapper.config.track, mapper.cameras, INTRINSICS, size)
-    return mapper, ferns, relocaliser, predict_at
-
-
-def locate(mapped, rgb: np.ndarray, depth: np.ndarray):
-    mapper, ferns, relocaliser, predict_at = mapped
-    maps = preprocess(rgb, clean_depth(depth, 0.3, 6.0), mapper.cameras, mapper.device)
-    view = small_view(maps[0].colour.numpy(), maps[0].vertex.numpy()[..., 2], ferns.size)
-    candidates = ferns.candidates(ferns.encode(view), 1000, 0)
-    return relocaliser.relocalise(maps, view, candidates, predict_at)
-
-
-@pytest.mark.parametrize("xi", [[0.05, 0.02, 0.04, 0.02, -0.04, 0.03], [0.15, 0, -0.06, -0.05, -0.15, 0.04]])
-def test_a_camera_is_found_without_a_guess(mapped, xi):
-    truth = exp_se3(np.array(xi))
-    found = locate(mapped, *room(truth))
-    assert found is not None, mapped[2].rejected
-    error = inverse(truth) @ found.T_world_camera
-    assert np.linalg.norm(error[:3, 3]) < 0.01 and np.rad2deg(rotation_angle(error)) < 0.5
-    again = locate(mapped, *room(truth))
-    assert again is not None
-    np.testing.assert_array_equal(found.T_world_camera, again.T_world_camera)
-
-
-def test_a_look_alike_is_refused(mapped):
-    """The same shape in other colours, and the same walls without the thing before them."""
-    truth = exp_se3(np.array([0.05, 0.02, 0.0, 0.0, -0.04, 0.0]))
-    rgb, depth = room(truth)
-    assert locate(mapped, rgb, depth) is not None
-    assert locate(mapped, np.ascontiguousarray(rgb[::-1]), depth) is None
-    v, u = np.mgrid[:72, :96]
-    ball = np.hypot(u - 52, v - 40) < 17
-    gone = np.where(ball, depth.max(), depth)
-    assert locate(mapped, rgb, gone) is None
-    assert locate(mapped, rgb, np.zeros_like(depth)) is None
-    assert mapped[2].rejected == [], "without depth there are no candidates at all"
-
-
-def test_agreement_says_what_is_wrong(mapped):
-    mapper, _, _, predict_at = mapped
-    config = mapper.config.relocalise
-    T = exp_se3(np.array([0.05, 0.02, 0.0, 0.0, -0.04, 0.0]))
-    rgb, depth = room(T)
-
-    def compare(rgb, depth):
-        maps = preprocess(rgb, clean_depth(depth, 0.3, 6.0), mapper.cameras, mapper.device)
-        vertex, _, intensity, _ = predict_at(T).levels[0]
-        return agreement(maps[0], vertex, intensity, config)
-
-    good = compare(rgb, depth)
-    assert not disagreement(good, config) and good.same > 0.95 and good.seen_through < 0.02 and good.ncc > 0.9
-    assert "seen through" in disagreement(
-        compare(rgb, depth + np.float32(0.3) * (np.arange(96) > 60)), config
-    )
-    assert "agree" in disagreement(compare(rgb, depth - np.float32(0.3) * (np.arange(96) > 60)), config)
-    assert "correlate" in disagreement(compare(255 - rgb, depth), config)
-    covered = np.where(np.arange(96) > 20, 0, depth).astype(np.float32)
-    assert compare(rgb, covered).same > 0.95, "what the frame does not see is not held against it"

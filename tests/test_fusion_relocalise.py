@@ -1,0 +1,157 @@
+"""Finding a camera in a mapped room without a guess, and refusing look-alikes."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from test_kernels_odometry import INTRINSICS, room
+
+from dsmap.frame import Frame
+from dsmap.fusion.config import FernConfig, MapConfig
+from dsmap.fusion.ferns import FernDatabase, small_size, small_view
+from dsmap.fusion.lie import exp_se3, inverse, rotation_angle
+from dsmap.fusion.mapper import LEVELS, Mapper
+from dsmap.fusion.pose_check import PoseCheck
+from dsmap.fusion.relocalise import Relocaliser, agreement, disagreement
+from dsmap.fusion.tracker import Health, ModelView
+from dsmap.fusion.trajectory import TrajectoryPoint, extrapolated
+from dsmap.kernels.predict import predict_model
+from dsmap.kernels.preprocess import clean_depth, intensity_map, preprocess
+from dsmap.kernels.types import ModelMaps
+
+
+@pytest.fixture(scope="module")
+def mapped():
+    """A mapped room, its ferns, a relocaliser and the function that renders the map."""
+    mapper = Mapper(MapConfig(depth_max=6.0, poses="given"), INTRINSICS)
+    size = small_size(INTRINSICS, 48)
+    ferns = FernDatabase(FernConfig(novelty=0.2), size, (0.3, 6.0))
+    for i in range(16):
+        T = exp_se3(np.array([0.012 * i, 0.004 * i, 0, 0, -0.01 * i, 0]))
+        rgb, depth = room(T)
+        mapper.step(Frame(i, i / 30, rgb, depth, T))
+        maps = preprocess(rgb, clean_depth(depth, 0.3, 6.0), mapper.cameras, mapper.device)
+        view = small_view(maps[0].colour.numpy(), maps[0].vertex.numpy()[..., 2], size)
+        ferns.add_if_novel(ferns.encode(view), view, T, i)
+
+    def predict_at(T: np.ndarray) -> ModelView:
+        maps = ModelMaps.empty(INTRINSICS.height, INTRINSICS.width, mapper.device)
+        predict_model(mapper.surfels, mapper.camera, T, max_depth=6.0, maps=maps)
+        return ModelView(maps.vertex, maps.normal, intensity_map(maps.colour), LEVELS, T)
+
+    relocaliser = Relocaliser(mapper.config.relocalise, mapper.config.track, mapper.cameras, INTRINSICS, size)
+    return mapper, ferns, relocaliser, predict_at
+
+
+def locate(mapped, rgb: np.ndarray, depth: np.ndarray):
+    mapper, ferns, relocaliser, predict_at = mapped
+    maps = preprocess(rgb, clean_depth(depth, 0.3, 6.0), mapper.cameras, mapper.device)
+    view = small_view(maps[0].colour.numpy(), maps[0].vertex.numpy()[..., 2], ferns.size)
+    candidates = ferns.candidates(ferns.encode(view), 1000, 0)
+    return relocaliser.relocalise(maps, view, candidates, predict_at)
+
+
+@pytest.mark.parametrize("xi", [[0.05, 0.02, 0.04, 0.02, -0.04, 0.03], [0.15, 0, -0.06, -0.05, -0.15, 0.04]])
+def test_a_camera_is_found_without_a_guess(mapped, xi):
+    truth = exp_se3(np.array(xi))
+    found = locate(mapped, *room(truth))
+    assert found is not None, mapped[2].rejected
+    error = inverse(truth) @ found.T_world_camera
+    assert np.linalg.norm(error[:3, 3]) < 0.01 and np.rad2deg(rotation_angle(error)) < 0.5
+    again = locate(mapped, *room(truth))
+    assert again is not None
+    np.testing.assert_array_equal(found.T_world_camera, again.T_world_camera)
+
+
+def test_a_look_alike_is_refused(mapped):
+    """The same shape in other colours, and the same walls without the thing before them."""
+    truth = exp_se3(np.array([0.05, 0.02, 0.0, 0.0, -0.04, 0.0]))
+    rgb, depth = room(truth)
+    assert locate(mapped, rgb, depth) is not None
+    assert locate(mapped, np.ascontiguousarray(rgb[::-1]), depth) is None
+    v, u = np.mgrid[:72, :96]
+    ball = np.hypot(u - 52, v - 40) < 17
+    gone = np.where(ball, depth.max(), depth)
+    assert locate(mapped, rgb, gone) is None
+    assert locate(mapped, rgb, np.zeros_like(depth)) is None
+    assert mapped[2].rejected == [], "without depth there are no candidates at all"
+
+
+def test_agreement_says_what_is_wrong(mapped):
+    mapper, _, _, predict_at = mapped
+    config = mapper.config.relocalise
+    T = exp_se3(np.array([0.05, 0.02, 0.0, 0.0, -0.04, 0.0]))
+    rgb, depth = room(T)
+
+    def compare(rgb, depth):
+        maps = preprocess(rgb, clean_depth(depth, 0.3, 6.0), mapper.cameras, mapper.device)
+        vertex, _, intensity, _ = predict_at(T).levels[0]
+        return agreement(maps[0], vertex, intensity, config)
+
+    good = compare(rgb, depth)
+    assert not disagreement(good, config) and good.same > 0.95 and good.seen_through < 0.02 and good.ncc > 0.9
+    assert "seen through" in disagreement(
+        compare(rgb, depth + np.float32(0.3) * (np.arange(96) > 60)), config
+    )
+    assert "agree" in disagreement(compare(rgb, depth - np.float32(0.3) * (np.arange(96) > 60)), config)
+    assert "correlate" in disagreement(compare(255 - rgb, depth), config)
+    covered = np.where(np.arange(96) > 20, 0, depth).astype(np.float32)
+    assert compare(rgb, covered).same > 0.95, "what the frame does not see is not held against it"
+
+
+def path(poses: list[np.ndarray], tracked: list[bool]) -> list[TrajectoryPoint]:
+    return [TrajectoryPoint(i / 30, T, ok) for i, (T, ok) in enumerate(zip(poses, tracked, strict=True))]
+
+
+def test_after_a_gap_the_camera_is_sought_where_its_motion_led():
+    step = exp_se3(np.array([0, 0, 0, 0, 0.02, 0.0]))
+    poses = [np.eye(4)]
+    for _ in range(29):
+        poses.append(poses[-1] @ step)
+        poses[-1][0, 3] += 0.01
+    seen = [i < 20 for i in range(30)]
+    carried = [poses[min(i, 19)] for i in range(30)]
+    ahead, half, last = extrapolated(path(carried, seen))
+    truth = poses[29] @ step
+    truth[0, 3] += 0.01
+    np.testing.assert_allclose(ahead, truth, atol=1e-9)
+    np.testing.assert_array_equal(last, poses[19])
+    assert last[0, 3] < half[0, 3] < ahead[0, 3]
+    assert extrapolated(path(carried[:1], [False])) == [] == extrapolated([])
+    long_ago = path([np.eye(4)] * 80, [i < 10 for i in range(80)])
+    assert extrapolated(long_ago) == []
+
+
+def test_a_guess_needs_no_keyframe(mapped):
+    mapper, ferns, relocaliser, predict_at = mapped
+    truth = exp_se3(np.array([0.15, 0.05, -0.05, 0.0, -0.12, 0.02]))
+    rgb, depth = room(truth)
+    maps = preprocess(rgb, clean_depth(depth, 0.3, 6.0), mapper.cameras, mapper.device)
+    view = small_view(maps[0].colour.numpy(), maps[0].vertex.numpy()[..., 2], ferns.size)
+    assert relocaliser.relocalise(maps, view, [], predict_at) is None
+    found = relocaliser.relocalise(maps, view, [], predict_at, guesses=[np.eye(4)])
+    assert found is not None, relocaliser.rejected
+    assert np.linalg.norm((inverse(truth) @ found.T_world_camera)[:3, 3]) < 0.01
+
+
+def test_only_poses_that_surprise_are_looked_at_twice(mapped):
+    mapper = mapped[0]
+    check = PoseCheck(mapper.config, mapper.views)
+    steady = [exp_se3(np.array([0.01 * i, 0, 0, 0, 0, 0])) for i in range(4)]
+    good = Health(True, "", 0.8, 0.003, 0.02, np.eye(6), 0.5, 9e4, np.zeros(6))
+    known = path(steady[:3], [True] * 3)
+    assert not check.surprising(steady[3], good, known)
+    sideways = steady[3] @ exp_se3(np.array([0.05, 0, 0, 0, 0, 0]))
+    turned = steady[3] @ exp_se3(np.array([0, 0, 0, 0, 0.1, 0]))
+    assert check.surprising(sideways, good, known) and check.surprising(turned, good, known)
+    assert check.surprising(steady[3], good, path(steady[:3], [True, True, False]))
+    assert check.surprising(steady[3], replace(good, inlier_fraction=0.2), known)
+    assert not check.surprising(sideways, good, known[:1]), "the first motion cannot surprise"
+
+    truth = exp_se3(np.array([0.05, 0.02, 0.0, 0.0, -0.04, 0.0]))
+    maps = preprocess(*room(truth), mapper.cameras, mapper.device)
+    lost = path([truth] * 3, [True, False, False])
+    assert check.objection(maps, truth, good, lost, t_min=0) == ""
+    wrong = truth @ exp_se3(np.array([0.15, 0, 0.1, 0, 0, 0]))
+    assert check.objection(maps, wrong, good, lost, t_min=0) != ""
+    assert check.objection(maps, wrong, replace(good, tracked=False, reason="no"), lost, t_min=0) == "no"
