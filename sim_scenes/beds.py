@@ -6,7 +6,7 @@ Headboards are at +y, the foot looks into the room (-y).
 import numpy as np
 
 from dsmap.sim_scenes import finishes
-from dsmap.sim_scenes.lofts import crumpled, tube
+from dsmap.sim_scenes.lofts import tube
 from dsmap.sim_scenes.looks import Looks
 from dsmap.sim_scenes.scene import Assembly
 from dsmap.sim_scenes.shapes import Shape, box, cushion, rotation_x, sheet
@@ -85,9 +85,9 @@ def _bedding(
             runner = blanket(rng, width + 0.15, 0.55, lying + 0.035, lying - 0.12)
             piece.add(runner.moved((0, -length / 2 + 0.35, 0)), looks.fabric())
     else:
-        size = (width * rng.uniform(0.75, 0.95), length * rng.uniform(0.4, 0.6), rng.uniform(0.12, 0.2))
-        at = (rng.uniform(-0.06, 0.06), -0.18 * length, lying - 0.02)
-        piece.add(crumpled(rng, size, at, 0.07, 20), cover)
+        long = length * rng.uniform(0.45, 0.65)
+        pushed = rumpled(rng, width * rng.uniform(0.85, 1.0), long)
+        piece.add(pushed.moved((rng.uniform(-0.04, 0.04), rng.uniform(-0.3, -0.1) * long, lying)), cover)
     deep = 1 + int(rng.random() < 0.3)
     for k in range(count):
         x = (k - (count - 1) / 2) * width / 2 + rng.uniform(-0.03, 0.03)
@@ -120,6 +120,22 @@ def blanket(rng: Rng, width: float, length: float, top: float, bottom: float) ->
     return sheet(points, 0.012)
 
 
+def rumpled(rng: Rng, width: float, length: float) -> Shape:
+    """A blanket thrown back on a bed (z = 0): ragged outline, one end pulled askew, long folds across."""
+    rows, columns = 34, 30
+    s, t = np.meshgrid(np.linspace(-0.5, 0.5, columns), np.linspace(-0.5, 0.5, rows))
+    ragged = 0.12 * noise(rng, (4, 4), (rows, columns))
+    turn, skew = rng.uniform(-0.35, 0.35), rng.uniform(-0.25, 0.25)
+    folds = np.abs(noise(rng, (9, 4), (rows, columns))) + 0.5 * np.abs(noise(rng, (14, 9), (rows, columns)))
+    rim = np.clip(np.minimum(0.5 - np.abs(s), 0.5 - np.abs(t)) / 0.12, 0, 1) ** 0.5
+    slope = 0.06 * (1 + np.clip(3 * t, 0, 1))
+    points = np.empty((rows, columns, 3))
+    points[..., 0] = width * np.clip(s * (1 - 0.2 * np.abs(t)) + ragged * 0.4 + 0.2 * turn * t, -0.5, 0.5)
+    points[..., 1] = length * (t + skew * s + ragged * 0.5)
+    points[..., 2] = 0.012 + rim * (0.02 + slope * (0.35 + folds))
+    return sheet(points, 0.012)
+
+
 def bunk_bed(rng: Rng, looks: Looks) -> Assembly:
     """Two single beds over each other with rails and a ladder."""
     piece, wood = Assembly("bed"), looks.wood() if rng.random() < 0.6 else finishes.steel(looks)
@@ -139,7 +155,7 @@ def bunk_bed(rng: Rng, looks: Looks) -> Assembly:
             cover = blanket(rng, width - 0.12, 1.3, lying - 0.015, lying - 0.05)
             piece.add(cover.moved((0, -0.3, 0)), looks.fabric())
         else:
-            piece.add(crumpled(rng, (0.7, 0.9, 0.16), (0, -0.2, lying - 0.02), 0.07, 18), looks.fabric())
+            piece.add(rumpled(rng, 0.75, 0.9).moved((0, -0.2, lying - 0.02)), looks.fabric())
         piece.attach(pillow(rng, looks), (0, length / 2 - 0.25, lying))
     for z in (height - 0.16, height - 0.05):
         for side in (-1, 1):
@@ -171,7 +187,7 @@ def crib(rng: Rng, looks: Looks) -> Assembly:
             piece.add(box((0.014, 0.014, height - 0.29), (x, y * length / 2, 0.25)), wood)
     piece.add(box((width - 0.03, length - 0.03, 0.02), (0, 0, 0.22)), wood)
     piece.add(cushion((width - 0.05, length - 0.05, 0.11), (0, 0, 0.24), 0.12), looks.fabric())
-    piece.add(crumpled(rng, (0.5, 0.6, 0.1), (0, -0.2, 0.33), 0.08, 16), looks.fabric())
+    piece.add(rumpled(rng, 0.5, 0.55).moved((0, -0.15, 0.335)), looks.fabric())
     soft = cushion((0.36, 0.26, 0.07), (0, length / 2 - 0.22, 0.345), 0.5, 10).turned(rotation_x(0.0))
     piece.add(soft, looks.fabric(), "objects")
     return piece

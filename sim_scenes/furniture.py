@@ -1,4 +1,4 @@
-"""Seats, tables, beds and cases, assembled from boxes, cushions and turned legs with realistic sizes.
+"""The plain sofa, chairs and tables, assembled from boxes, cushions and turned legs with realistic sizes.
 
 Every function draws its sizes from `rng`, its materials from `looks`, and returns an `Assembly`: floor
 centre at the origin, front towards -y.
@@ -6,7 +6,7 @@ centre at the origin, front towards -y.
 
 import numpy as np
 
-from dsmap.sim_scenes import beds, finishes
+from dsmap.sim_scenes import finishes
 from dsmap.sim_scenes.lofts import tube
 from dsmap.sim_scenes.looks import Looks
 from dsmap.sim_scenes.scene import Assembly
@@ -107,7 +107,8 @@ def office_chair(rng: Rng, looks: Looks) -> Assembly:
         back.moved((0, 0.22, sit + low)), finishes.dark(looks) if kind == 2 and rng.random() < 0.6 else cloth
     )
     if kind == 2 and rng.random() < 0.5:
-        piece.add(cushion((0.28, 0.07, 0.16), (0, 0.31, sit + tall + 0.13), 0.4), cloth)
+        piece.add(cushion((0.28, 0.07, 0.16), (0, 0.31, sit + tall + 0.1), 0.4), cloth)
+        piece.add(tube([(0, 0.29, sit + 0.3), (0, 0.325, sit + tall + 0.16)], 0.014), base)
     if kind == 1 or rng.random() < 0.6:
         for side in (-1, 1):
             piece.add(
@@ -174,8 +175,3 @@ def coffee_table(rng: Rng, looks: Looks) -> Assembly:
             (-width / 2 + 0.16, -depth / 2 + 0.14, width / 2 - 0.16, depth / 2 - 0.14, 0.14)
         )
     return piece
-
-
-def bed(rng: Rng, looks: Looks) -> Assembly:
-    """The bed of `beds`, of a random width."""
-    return beds.bed(rng, looks)

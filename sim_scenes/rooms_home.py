@@ -45,13 +45,14 @@ def living_room(f: Furnisher) -> np.ndarray:
     layout.stand(
         f.one_of(furniture.coffee_table, tables.low_table), middle, wall.yaw + rng.uniform(-0.08, 0.08)
     )
-    for side in rng.permutation([-1, 1])[: int(rng.integers(0, 3))]:
+    for side in rng.permutation([-1, 1])[: int(rng.integers(1, 3))]:
         _easy_chair(f, wall, middle, int(side))
     others = f.walls(without=[main])
-    if f.odds(0.6):
+    if f.odds(0.8):
         f.dining(int(rng.integers(3, 7)))
-    cases = (storage.bookshelf, shelves.cube_shelf, shelves.ladder_shelf, storage.sideboard, storage.dresser)
+    cases = (storage.bookshelf, shelves.cube_shelf, storage.sideboard, storage.dresser, storage.wardrobe)
     f.fill(others, [f.one_of(*cases, shelves.wide_bookcase) for _ in range(int(rng.integers(2, 5)))])
+    f.fill(others, [f.one_of(tables.side_table, tables.console_table, seats.dining_chair)])
     f.fill(others, [f.make(lamps.floor_lamp)])
     f.fill(others, [f.make(plants.plant) for _ in range(int(rng.integers(1, 4)))])
     if f.odds(0.4):
@@ -77,7 +78,7 @@ def _media(f: Furnisher, wall: Wall) -> float:
 
 def _easy_chair(f: Furnisher, wall: Wall, middle: np.ndarray, side: int) -> None:
     """An easy chair beside the low table that looks at it."""
-    piece = f.one_of(sofas.armchair, sofas.armchair, seats.beanbag)
+    piece = f.one_of(sofas.armchair, seats.windsor_chair, seats.upholstered_chair, seats.beanbag)
     for out in (1.35, 1.5, 1.7, 1.9):
         at = middle + side * out * wall.along + f.rng.uniform(-0.3, 0.3) * wall.normal
         look = middle - at
@@ -105,7 +106,7 @@ def bedroom(f: Furnisher) -> np.ndarray:
         layout.against(stand, wall, x + side * (width / 2 + float(stand.size()[0]) / 2 + 0.07))
     others = f.walls(without=[main])
     f.fill(others, [f.make(storage.wardrobe)], front=0.45)
-    if f.odds(0.5):
+    if f.odds(0.7):
         f.desk(others, (furniture.office_chair, seats.dining_chair))
     if child:
         f.fill(others, [f.one_of(storage.toy_chest, beds.crib), f.make(storage.toy_chest)])
@@ -117,7 +118,11 @@ def bedroom(f: Furnisher) -> np.ndarray:
     if f.odds(0.6):
         f.fill(
             others,
-            [f.one_of(sofas.armchair, sofas.day_bed, seats.upholstered_chair, seats.beanbag, seats.pouf)],
+            [
+                f.one_of(
+                    sofas.armchair, sofas.day_bed, seats.upholstered_chair, seats.dining_chair, seats.beanbag
+                )
+            ],
         )
     f.rug(wall.point(x, 1.9), wall.yaw, rng.uniform(1.9, 2.5), rng.uniform(1.3, 1.7))
     f.fill(
