@@ -71,8 +71,9 @@ class SurfelConfig:
 class LabelConfig:
     """Label fusion (Eq. 5-6)."""
 
-    rule: Literal["bayes", "mean", "geometric"] = "bayes"
-    """bayes: the paper's product; geometric: its n-th root; mean: arithmetic mean of probabilities."""
+    rule: Literal["bayes", "mean", "geometric"] = "geometric"
+    """bayes: the paper's product (Eq. 5-6), over-confident by nature; geometric: its n-th root, the same labels with
+    honest probabilities; mean: arithmetic mean of probabilities."""
     every: int = 1
     """Segment every n-th frame; 0: keyframes only."""
     keyframe_distance: float = 0.15

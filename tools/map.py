@@ -76,7 +76,7 @@ class Args:
     label_noise_kind: Literal["pixels", "blobs", "confusion"] = "pixels"
     """How labels are corrupted."""
     label_fusion: Literal["bayes", "mean", "geometric"] | None = None
-    """How a surfel's labels of many views are combined; default: bayes (labels.rule)."""
+    """How a surfel's labels of many views are combined; default: geometric (labels.rule)."""
     segment_every: str | None = None
     """Segment every n-th frame, or `keyframes`; default: every frame (labels.every)."""
     save_probabilities: bool = False
