@@ -96,8 +96,8 @@ class LoopConfig:
     """The inactive model is predicted on the finest pyramid level of at most this many columns."""
     iterations: int = 10
     """Gauss-Newton iterations a level of registering the active view to the inactive one."""
-    max_mean_square: float = 1e-4
-    """Gate: mean squared point-to-plane distance [m^2]; 5e-5 was published for depths up to 3 m."""
+    max_mean_square: float = 5e-5
+    """Gate: mean squared point-to-plane distance [m^2]."""
     min_inliers: int = 35000
     """Gate: matched pixels."""
     max_covariance: float = 1e-3

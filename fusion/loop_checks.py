@@ -11,18 +11,19 @@ from dsmap.fusion.tracker import Health, ModelView, Tracker
 _SLACK = 0.03
 _SLACK_Z2 = 0.01
 """Two depths are one surface if they differ by less than _SLACK [m] + _SLACK_Z2 [1/m] x depth^2."""
+_NEAR = 0.3
+"""Depths that differ by more [m] are different surfaces, whatever the drift that a local loop can take out."""
 
 
 @dataclass
 class Overlap:
     """How the active and the inactive view from one pose cover each other; shares of the image."""
 
-    inactive: float
-    """Pixels that see an inactive surface."""
     both: float
-    """Pixels that see one in either view."""
+    """Pixels that see a surface in either view at about the same depth: what registration can work with. The
+    inactive view alone also shows what lies behind the active walls."""
     same: float
-    """Of these, the share where both are one surface."""
+    """Of these and those where the inactive surface stands in front, the share where both are one surface."""
     ncc: float
     """Correlation of their intensities there, local mean taken off; 1 where they were not compared."""
 
@@ -30,13 +31,14 @@ class Overlap:
 def overlap(active: tuple, inactive: tuple, colours: bool = False) -> Overlap:
     """Compare two views of one camera, (vertex, normal, intensity) each, shapes (H, W)."""
     a, b = (view[0].numpy()[..., 2] for view in (active, inactive))
-    both = (a > 0) & (b > 0)
-    same = both & (np.abs(a - b) < _SLACK + _SLACK_Z2 * a * a)
-    count = np.count_nonzero(both)
+    seen = (a > 0) & (b > 0)
+    behind = b - a
+    both = seen & (np.abs(behind) < _NEAR)
+    same = both & (np.abs(behind) < _SLACK + _SLACK_Z2 * a * a)
+    against = np.count_nonzero(seen & (behind < _NEAR))
     return Overlap(
-        inactive=np.count_nonzero(b) / b.size,
-        both=count / a.size,
-        same=np.count_nonzero(same) / count if count else 0.0,
+        both=np.count_nonzero(both) / a.size,
+        same=np.count_nonzero(same) / against if against else 0.0,
         ncc=correlation(active[2].numpy(), inactive[2].numpy(), same) if colours else 1.0,
     )
 
