@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from dsmap.sim_scenes import textures
+from dsmap.sim_scenes import textures, textures_surfaces
 from dsmap.sim_scenes.looks import Looks
 from dsmap.sim_scenes.scene import Material
 
@@ -35,7 +35,11 @@ def _uniform(looks: Looks, kind: str, palette: tuple, specular: float, shininess
 
 def steel(looks: Looks) -> str:
     """Brushed stainless steel or chrome."""
-    return known(looks, "steel") or _uniform(looks, "steel", _STEELS, 0.6, 0.7)
+    found = known(looks, "steel")
+    if found:
+        return found
+    image = textures_surfaces.brushed(looks.rng, looks.colour(_STEELS, 0.04))
+    return looks.add("steel", Material(image, 0.5, 0.6, 0.7, metallic=1.0))
 
 
 def dark(looks: Looks) -> str:
@@ -54,15 +58,15 @@ def paper(looks: Looks) -> str:
 
 
 def stone(looks: Looks) -> str:
-    """The worktop of a kitchen or bathroom: veined stone, or a wood."""
+    """The worktop of a kitchen or bathroom: granite, marble, terrazzo, or a wood."""
     found = known(looks, "stone")
     if found:
         return found
     rng = looks.rng
     if rng.random() < 0.3:
         return looks.wood()
-    veins = 0.35 * (np.abs(textures.fractal(rng, 3, 5)) ** 0.5 - 0.5) + 0.12 * textures.noise(rng, (60, 60))
-    return looks.add("stone", Material(textures.shaded(looks.colour(_STONES), veins), 0.8, 0.35, 0.6))
+    make = (textures_surfaces.granite, textures_surfaces.marble, textures_surfaces.terrazzo)[rng.integers(3)]
+    return looks.add("stone", Material(make(rng, looks.colour(_STONES)), 0.8, 0.35, 0.6))
 
 
 def leather(looks: Looks) -> str:

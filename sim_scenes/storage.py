@@ -47,6 +47,7 @@ def _fronts(
     rows, columns = grid
     front, bar = looks.case(), looks.rng.random() < 0.5
     w, h = width / columns, height / rows
+    front = looks.upright(front) if h > 1.2 else front
     for row in range(rows):
         for column in range(columns):
             x, low = (column + 0.5) * w - width / 2, z + row * h
@@ -68,6 +69,7 @@ def cabinet(
     """A closed case on a plinth or feet with doors or drawers (rows, columns) and a top to stand things on."""
     piece = Assembly("furniture")
     wood, foot, top = looks.case(), rng.uniform(0.05, 0.14), 0.025
+    wood = looks.upright(wood) if height > 1.5 else wood
     if rng.random() < 0.5:
         piece.add(box((width - 0.06, depth - 0.08, foot), (0, 0.02, 0)), wood)
     else:

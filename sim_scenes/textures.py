@@ -152,15 +152,10 @@ def stripes(rng: Rng, colour: Colour, second: Colour) -> np.ndarray:
 
 
 def paint(rng: Rng, colour: Colour) -> np.ndarray:
-    """A painted wall: roller texture, patches and faint marks. One tile is about 2.5 m."""
+    """A painted wall, fresh to worn: roller texture, patches and faint marks. One tile is about 2.5 m."""
     marks = np.clip(fractal(rng, 10, 3) - 1.1, 0, 1) * 0.35
-    return shaded(
-        colour,
-        0.05 * fractal(rng, 3, 4)
-        + 0.03 * noise(rng, (SIZE // 4, SIZE // 4))
-        + 0.03 * noise(rng, (48, 48))
-        - marks,
-    )
+    patches = 0.05 * fractal(rng, 3, 4) + 0.03 * noise(rng, (48, 48)) - marks
+    return shaded(colour, rng.uniform(0.3, 1.0) * patches + 0.025 * noise(rng, (SIZE // 4, SIZE // 4)))
 
 
 def bricks(rng: Rng, colour: Colour) -> np.ndarray:
