@@ -192,7 +192,7 @@ class Layout:
             if not wall.free(left, right, 0.0, float(high[2]), 0.0):
                 continue
             apron = Block(strip(wall, left, right, reach, reach + front), 0.0, 1.0)
-            if front and not self.fits(apron, 0.0):
+            if front and not self.fits(apron, 0.0, [b for b in self.taken if b.piece < 0]):
                 continue
             if self.stand(piece, wall.point(at, float(high[1]) + out), wall.yaw):
                 wall.busy.append((left, right, 0.0, float(high[2])))
@@ -232,7 +232,8 @@ class Layout:
                 wall.busy.append((left, right, block.low, block.high))
                 self.taken.append(block)
                 middle = (block.low + block.high) / 2
-                self.scene.targets.append(np.array([*wall.point(at, 0.0), min(middle, 1.25)]))
+                if len(wall.busy) % 2:  # every other one is looked at: most of such a view is bare wall
+                    self.scene.targets.append(np.array([*wall.point(at, 0.0), min(middle, 1.25)]))
                 return at
         return None
 

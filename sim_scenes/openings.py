@@ -50,7 +50,8 @@ def fill(rng: Rng, looks: Looks, layout: Layout, wall: Wall, opening: Opening) -
         _closed(looks, layout, wall, opening)
     elif opening.kind == OPEN and opening.leaf:
         _ajar(rng, looks, layout, wall, opening)
-    layout.scene.targets.append(np.array([*wall.point(opening.x, 0.0), 1.1]))
+    if opening.kind != CLOSED:
+        layout.scene.targets.append(np.array([*wall.point(opening.x, 0.0), 1.1]))
     wall.busy.append((opening.x0 - 0.1, opening.x1 + 0.1, 0.0, opening.z1 + 0.1))
     layout.keep_out(wall, opening.x0, opening.x1, 0.85)
     layout.floor.anchors.append(wall.point(opening.x, 0.5))

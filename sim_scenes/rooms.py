@@ -40,7 +40,10 @@ SCENES = (*KINDS, "flat")
 """Names that `build_scene` takes."""
 
 
-MIX: dict[str, float] = {"living_room": 1.0, "bedroom": 1.0}
+MIX: dict[str, float] = {
+    "living_room": 0.18, "bedroom": 0.2, "office": 0.14, "kitchen": 0.26, "bathroom": 0.15, "corridor": 0.03,
+    "flat": 0.04,
+}  # fmt: skip
 """Shares of the kinds of rooms in a training set."""
 
 
@@ -79,5 +82,5 @@ def _finish(rng: Rng, looks: Looks, layout: Layout, plan: blueprint.Blueprint) -
     furnisher = Furnisher(rng, looks, layout)
     target = kind.furnish(furnisher)
     furnisher.pictures(int(rng.integers(kind.pictures[0], kind.pictures[1] + 1)))
-    strew(rng, looks, layout, rng.uniform(0.0, 0.6))
+    strew(rng, looks, layout, rng.uniform(0.0, 0.5))
     return target

@@ -50,11 +50,11 @@ def living_room(f: Furnisher) -> np.ndarray:
     others = f.walls(without=[main])
     if f.odds(0.8):
         f.dining(int(rng.integers(3, 7)))
-    cases = (storage.bookshelf, shelves.cube_shelf, storage.sideboard, storage.dresser, storage.wardrobe)
-    f.fill(others, [f.one_of(*cases, shelves.wide_bookcase) for _ in range(int(rng.integers(2, 5)))])
+    cases = (storage.bookshelf, storage.toy_chest, storage.sideboard, storage.dresser, shelves.open_rack)
+    f.fill(others, [f.one_of(*cases) for _ in range(int(rng.integers(2, 5)))])
     f.fill(others, [f.one_of(tables.side_table, tables.console_table, seats.dining_chair)])
     f.fill(others, [f.make(lamps.floor_lamp)])
-    f.fill(others, [f.make(plants.plant) for _ in range(int(rng.integers(1, 4)))])
+    f.fill(others, [f.make(plants.plant) for _ in range(int(rng.integers(2, 5)))])
     if f.odds(0.4):
         f.fill(others, [f.one_of(tables.side_table, seats.pouf, storage.toy_chest)])
     return np.array([*middle, 0.5])

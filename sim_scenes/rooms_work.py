@@ -19,7 +19,7 @@ from dsmap.sim_scenes import (
     tables,
     wall_art,
 )  # fmt: skip
-from dsmap.sim_scenes.furnish import Furnisher
+from dsmap.sim_scenes.furnish import CHAIRS, Furnisher
 from dsmap.sim_scenes.layout import Wall
 
 
@@ -37,12 +37,13 @@ def office(f: Furnisher) -> np.ndarray:
     )
     f.fill(f.walls(), [f.one_of(*cases) for _ in range(int(rng.integers(1, 3)))])
     f.hang(f.one_of(office_pieces.whiteboard, office_pieces.pinboard), 0.95)
-    for _ in range(int(rng.integers(0, 3))):
+    for _ in range(int(rng.integers(1, 3))):
         f.desk(f.walls())
     f.fill(f.walls(), [f.make(storage.filing_cabinet) for _ in range(int(rng.integers(1, 4)))])
     f.fill(f.walls(), [f.one_of(*cases)])
-    if f.odds(0.35):
+    if f.odds(0.5):
         f.dining(int(rng.integers(2, 6)), 30)
+    f.fill(f.walls(), [f.one_of(*CHAIRS) for _ in range(int(rng.integers(0, 3)))])
     if f.odds(0.4):
         f.fill(
             f.walls(), [f.one_of(hall_pieces.radiator, office_pieces.water_cooler, hall_pieces.coat_stand)]

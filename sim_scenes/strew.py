@@ -18,8 +18,8 @@ Surface = tuple[float, float, float, float, float]
 ABOVE = 0.008
 """Things start this far above what they fall on [m]."""
 DENSITY = {
-    "desk": 5.0, "table": 3.5, "living": 4.0, "shelf": 5.0, "kitchen": 5.0, "bath": 9.0, "bedside": 12.0, "bed": 0.7,
-    "hall": 4.0,
+    "desk": 9.0, "table": 6.0, "living": 8.0, "shelf": 9.0, "kitchen": 9.0, "bath": 14.0, "bedside": 16.0, "bed": 1.6,
+    "hall": 8.0,
 }  # fmt: skip
 """Things a square metre of surface, by place (a key of `clutter.PLACES`)."""
 PLACE_OF = {
@@ -31,8 +31,8 @@ PLACE_OF = {
 }  # fmt: skip
 """Pieces to the place they are; others are shelves."""
 ON_FLOOR = {
-    "living_room": ("floor", 0, 4), "bedroom": ("floor", 1, 6), "office": ("floor", 0, 3), "kitchen": ("floor", 0, 1),
-    "bathroom": ("bed", 0, 1), "corridor": ("hall", 0, 4),
+    "living_room": ("floor", 3, 10), "bedroom": ("floor", 3, 9), "office": ("floor", 2, 7), "kitchen": ("hall", 1, 4),
+    "bathroom": ("bath", 0, 3), "corridor": ("hall", 1, 6),
 }  # fmt: skip
 """Room kind to what lies on its floor: place, least and largest number."""
 PILED = (
@@ -90,6 +90,7 @@ def strew(rng: Rng, looks: Looks, layout: Layout, tidy: float) -> int:
         ):
             if pose is not None:
                 scene.put(thing.assembly, pose, room=layout.index)
+                scene.targets.append(pose[:3, 3] + [0.0, 0.0, 0.1])
                 count += 1
     return count
 
