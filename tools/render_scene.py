@@ -43,6 +43,9 @@ class Args:
     path: Literal["walk", "views", "loop", "fast", "cover", "jump"] = "walk"
     """walk = a hand-held video; views = unrelated viewpoints, for training; loop = a round trip. To try a
     tracker: fast = walk with bursts of fast rotation, cover = with a covered lens, jump = carried elsewhere."""
+    moving: Literal["none", "chair", "door", "ball", "person"] = "none"
+    """Something that moves while the camera watches: a pushed chair, a door (of a flat), a rolling ball, a person
+    who walks. Its poses go to bodies.txt."""
     noise: Literal["none", "kinect", "d435", "azure"] = "none"
     """Depth sensor to imitate: Kinect v1, RealSense D435, Azure Kinect (colour and poses stay the same)."""
     effects: Literal["none", "mild", "strong"] = "none"
@@ -91,7 +94,7 @@ def _options(args: Args, jobs: int) -> "RenderOptions":
         scene=args.scene, seed=args.seed, frames=frames, width=width, height=height, fps=args.fps,
         noise=args.noise, path=args.path, intrinsics=parse_intrinsics(args.intrinsics), effects=args.effects,
         distortion=args.distortion, class_map=str(args.class_map) if args.class_map else None, up=args.up,
-        renderer=args.renderer, jobs=jobs,
+        moving=args.moving, renderer=args.renderer, jobs=jobs,
     )  # fmt: skip
 
 
