@@ -1,7 +1,8 @@
 """OpenGL renderers of the same scene: MuJoCo's own, and pyrender's with physically based materials.
 
 They rasterise with the camera of the ray tracer, so depth and classes agree with it up to the pixels on
-outlines; shading differs. MuJoCo's point lights cast no shadows there; pyrender's lamps do. Contexts belong to the thread that made them.
+outlines; shading differs. MuJoCo's point lights cast no shadows there; pyrender's lamps do. Contexts belong
+to the thread that made them.
 """
 
 # pyright: reportAttributeAccessIssue=false

@@ -63,7 +63,7 @@ def test_shadows_darken_the_far_side_of_the_cube_only() -> None:
     assert changed[:, :20].any() and not changed[:, 45:].any()
 
 
-def test_one_kernel_serves_rooms_flats_toys_and_imported_scenes(tmp_path: Path) -> None:
+def test_one_kernel_serves_rooms_toys_and_imported_scenes(tmp_path: Path) -> None:
     (tmp_path / "toy.xml").write_text(
         '<mujoco><worldbody><geom name="floor" type="plane" size="2 2 1"/></worldbody></mujoco>'
     )
