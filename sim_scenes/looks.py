@@ -102,7 +102,9 @@ class Looks:
         turned = f"{name}_upright"
         if turned not in self.materials:
             look = self.materials[name]
-            self.materials[turned] = replace(look, texture=np.ascontiguousarray(look.texture.transpose(1, 0, 2)))
+            self.materials[turned] = replace(
+                look, texture=np.ascontiguousarray(look.texture.transpose(1, 0, 2))
+            )
         return turned
 
     def case(self) -> str:
