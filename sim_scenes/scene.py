@@ -101,7 +101,7 @@ class Body:
     """Where its frame is while its parts are where `Scene.parts` has them, shape (4, 4)."""
 
 
-@dataclass
+@dataclass(eq=False)
 class Assembly:
     """A piece of furniture in its own frame: floor centre at the origin, front towards -y, z up."""
 

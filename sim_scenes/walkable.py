@@ -25,21 +25,25 @@ class Walkable:
         x, y = np.meshgrid(*[np.arange(n) for n in self.shape], indexing="ij")
         self._centres = self.low + (np.stack([x, y], -1) + 0.5) * CELL
 
-    def inside(self, corners: np.ndarray) -> np.ndarray:
-        """Cells whose centre lies in a convex polygon (K, 2), counter-clockwise; bool, the grid's shape."""
+    def _take(self, blocked: np.ndarray, corners: np.ndarray) -> None:
+        """Mark the cells of `blocked` whose centre lies in a convex polygon (K, 2), counter-clockwise."""
+        low = np.clip(np.floor((corners.min(0) - self.low) / CELL).astype(int), 0, self.shape)
+        high = np.clip(np.ceil((corners.max(0) - self.low) / CELL).astype(int) + 1, 0, self.shape)
+        window = (slice(low[0], high[0]), slice(low[1], high[1]))
         edges = np.roll(corners, -1, 0) - corners
-        offset = self._centres[..., None, :] - corners
-        return (edges[:, 0] * offset[..., 1] - edges[:, 1] * offset[..., 0] >= -1e-9).all(-1)
+        offset = self._centres[window][..., None, :] - corners
+        inside = (edges[:, 0] * offset[..., 1] - edges[:, 1] * offset[..., 0] >= -1e-9).all(-1)
+        blocked[window] |= inside
 
     def block(self, corners: np.ndarray) -> None:
-        """Take the cells of a convex polygon (K, 2)."""
-        self.blocked |= self.inside(corners)
+        """Take the cells of a convex polygon (K, 2), counter-clockwise."""
+        self._take(self.blocked, corners)
 
     def stays_open(self, polygons: Sequence[np.ndarray]) -> bool:
         """Whether doors stay joined and enough floor free if these polygons were taken as well."""
         blocked = self.blocked.copy()
         for corners in polygons:
-            blocked |= self.inside(corners)
+            self._take(blocked, corners)
         way = self.way(blocked)
         return way is not None and way.sum() * CELL**2 >= self.least
 
