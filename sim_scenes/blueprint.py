@@ -34,15 +34,6 @@ class Blueprint:
             wall.thickness = thick
         return self.holes[layout.index]
 
-    def windows(self, layouts: list[Layout]) -> list[tuple[int, Wall]]:
-        """Number of the room, and wall, of every window."""
-        return [
-            (room, layouts[room].walls[k])
-            for room, holes in enumerate(self.holes)
-            for k in range(4)
-            if any(hole.kind == WINDOW for hole in holes[k])
-        ]
-
 
 def door_in(rng: Rng, wall: Wall) -> Opening:
     """A closed door near one end of a wall, as the only door of a room."""

@@ -223,13 +223,3 @@ def hamper(rng: Rng, looks: Looks) -> Assembly:
     )
     piece.add(cushion((1.5 * r, 1.5 * r, 0.22), (0, 0, h * 0.78), 0.8), looks.fabric())
     return piece
-
-
-def add_ceiling_lamp(rng: Rng, looks: Looks, piece: Assembly, height: float) -> None:
-    """A pendant lamp under a ceiling of a given height [m]."""
-    image = np.full((16, 16, 3), (245, 232, 205), np.uint8)
-    shade = looks.add("shade", Material(image, 0.2, 0.0, 0.1, emission=0.35))
-    radius, z = rng.uniform(0.14, 0.22), height - 0.42
-    piece.add(cylinder(0.05, 0.025, (0, 0, height - 0.026), 24), looks.metal)
-    piece.add(cylinder(0.006, 0.24, (0, 0, z + 0.17), 8), looks.metal)
-    piece.add(lathe([(radius, 0), (radius * 0.45, 0.15), (0.03, 0.175)], (0, 0, z)), shade)

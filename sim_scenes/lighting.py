@@ -10,11 +10,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dsmap.sim_scenes import decor
+from dsmap.sim_scenes import lamps
 from dsmap.sim_scenes.layout import Layout
 from dsmap.sim_scenes.looks import Looks
-from dsmap.sim_scenes.scene import LEAK, MAX_LIGHTS, Assembly, Light, Piece, Room, Scene
+from dsmap.sim_scenes.scene import LEAK, MAX_LIGHTS, Light, Piece, Room, Scene
 from dsmap.sim_scenes.textures import Rng
+
+HEADROOM = 1.9
+"""Lamps do not hang lower than this [m]."""
 
 
 @dataclass(frozen=True)
@@ -83,12 +86,15 @@ def _hang(rng: Rng, looks: Looks, layout: Layout, tint: np.ndarray, lit: bool) -
     """Hang a lamp near the middle of a room's ceiling; its shade glows if it is lit."""
     scene, height = layout.scene, layout.room.height
     spot = layout.centre + rng.uniform(-0.15, 0.15, 2) * layout.size[:2] * (layout.size[:2] > 2.0)
-    lamp = Assembly("objects", name="ceiling_lamp")
-    decor.add_ceiling_lamp(rng, looks, lamp, height)
+    lamp = lamps.pendant(rng, looks) if rng.random() < 0.5 else lamps.ceiling_lamp(rng, looks)
+    if height + lamp.bounds()[0][2] < HEADROOM:
+        lamp = lamps.ceiling_lamp(rng, looks)
+    lamp.name = "ceiling_lamp"
     for name in {material for _, material, *_ in lamp.parts if material.startswith("shade")}:
         scene.materials[name] = replace(scene.materials[name], emission=0.55 if lit else 0.0)
-    scene.place(lamp, (*spot, 0.0), room=layout.index)
-    return Light(np.array([*spot, height - 0.52]), tint, 0.5 * tint, reach=4.0)
+    scene.place(lamp, (*spot, height), room=layout.index)
+    below = min(float(lamp.bounds()[0][2]) - 0.06, -0.45)
+    return Light(np.array([*spot, height + below]), tint, 0.5 * tint, reach=4.0)
 
 
 def _from_window(rng: Rng, window: Piece, colour: np.ndarray) -> Light:
