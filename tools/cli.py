@@ -17,6 +17,10 @@ COMMANDS: dict[str, tuple[str, str]] = {
         "dsmap.tools.bench_scale",
         "Time frames in maps of 0.1 to 10 million surfels with the same view.",
     ),
+    "bench-robustness": (
+        "dsmap.tools.bench_robustness",
+        "Try to lose the camera in rendered rooms: fast turns, a covered lens, leaps.",
+    ),
     "render-scene": ("dsmap.tools.render_scene", "Render a labelled RGB-D sequence of a synthetic room."),
     "bench-render": ("dsmap.tools.bench_render", "Frames a second of every renderer."),
     "contact-sheet": (

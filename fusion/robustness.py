@@ -1,0 +1,95 @@
+"""Scoring a trial that tries to lose the camera: how long was it lost, and was it ever believed in a wrong place."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from dsmap.fusion.lie import inverse, rotation_angle
+
+WRONG_M, WRONG_DEG = 0.05, 3.0
+"""A tracked pose further off than this is wrong [m, deg]."""
+WITHIN_S = 1.0
+"""A camera that is lost has to be found within this time [s] of being able to see."""
+FAST_DEG_S = 120.0
+"""Rotation from which a motion counts as fast [deg/s]."""
+_LEAP_M, _LEAP_DEG = 0.25, 15.0
+"""No hand carries a camera this far between two frames: it was lifted and put down elsewhere."""
+
+
+@dataclass
+class TrialScore:
+    """What happened in one trial."""
+
+    frames: int
+    blind: int
+    """Frames without an image."""
+    leaps: int
+    """Times that the camera was put down elsewhere."""
+    fast_s: float
+    """Time during which it turned by FAST_DEG_S or more [s]."""
+    lost: int
+    """Frames with an image and without a pose."""
+    longest_lost_s: float
+    """Longest time from being able to see to having a pose [s]."""
+    relocalised: int
+    """Poses that came from relocalisation."""
+    wrong_relocalised: int
+    """Of these, the wrong ones."""
+    wrong: int
+    """All poses believed that are wrong; drift counts too."""
+    worst_m: float
+    """Largest error of a pose that was believed [m]."""
+
+    @property
+    def passed(self) -> bool:
+        """Never wrong, and never lost for longer than WITHIN_S."""
+        return self.wrong == 0 and self.longest_lost_s <= WITHIN_S
+
+
+def score_trial(
+    true: np.ndarray,
+    estimated: np.ndarray,
+    tracked: Sequence[bool],
+    relocalised: Sequence[bool],
+    blind: np.ndarray,
+    fps: float,
+) -> TrialScore:
+    """Score the frames of one trial; the worlds are made one by the first frame.
+
+    Args:
+        true, estimated: T_world_camera, shape (K, 4, 4).
+        tracked, relocalised: what the mapper said of each frame, shape (K,).
+        blind: frames without an image, bool, shape (K,).
+    """
+    T_true_estimated = true[0] @ inverse(estimated[0])
+    off = [inverse(a) @ T_true_estimated @ b for a, b in zip(true, estimated, strict=True)]
+    distance = np.array([np.linalg.norm(T[:3, 3]) for T in off])
+    angle = np.rad2deg([rotation_angle(T) for T in off])
+    steps = [inverse(a) @ b for a, b in zip(true[:-1], true[1:], strict=True)]
+    turned = np.rad2deg([rotation_angle(T) for T in steps])
+    leaps = (np.array([np.linalg.norm(T[:3, 3]) for T in steps]) > _LEAP_M) | (turned > _LEAP_DEG)
+    believed, found = np.asarray(tracked, bool), np.asarray(relocalised, bool)
+    wrong = believed & ((distance > WRONG_M) | (angle > WRONG_DEG))
+    lost = ~believed & ~blind
+    return TrialScore(
+        frames=len(true),
+        blind=int(blind.sum()),
+        leaps=int(leaps.sum()),
+        fast_s=float(np.count_nonzero(~leaps & (turned * fps >= FAST_DEG_S)) / fps),
+        lost=int(lost.sum()),
+        longest_lost_s=_longest(lost, blind) / fps,
+        relocalised=int(found.sum()),
+        wrong_relocalised=int((found & wrong).sum()),
+        wrong=int(wrong.sum()),
+        worst_m=float(distance[believed].max(initial=0.0)),
+    )
+
+
+def _longest(lost: np.ndarray, blind: np.ndarray) -> int:
+    """Most lost frames in a row; blind ones neither count nor end a row."""
+    longest = row = 0
+    for is_lost, is_blind in zip(lost, blind, strict=True):
+        row = row if is_blind else (row + 1 if is_lost else 0)
+        longest = max(longest, row)
+    return longest
