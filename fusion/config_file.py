@@ -61,6 +61,8 @@ def _fitted(value: Any, hint: Any, where: str) -> tuple[bool, Any]:
         if not isinstance(value, list | tuple):
             return False, None
         return True, tuple(_checked(v, arguments[0], where) for v in value)
+    if origin in (dict, list):
+        return isinstance(value, origin), value
     if hint is float:
         number = isinstance(value, int | float) and not isinstance(value, bool)
         return number, float(value) if number else None
@@ -85,5 +87,7 @@ def _describe(hint: Any) -> str:
         return f"a list of {_describe(arguments[0])}"
     if hint in (None, type(None)):
         return "nothing"
+    if origin in (dict, list):
+        return "names with values" if origin is dict else "a list"
     names = {float: "a number", int: "a whole number", bool: "true or false", str: "text", Path: "a path"}
     return names.get(hint, str(hint))

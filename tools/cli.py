@@ -21,6 +21,10 @@ COMMANDS: dict[str, tuple[str, str]] = {
         "dsmap.tools.bench_robustness",
         "Try to lose the camera in rendered rooms: fast turns, a covered lens, leaps.",
     ),
+    "reproduce": (
+        "dsmap.tools.reproduce",
+        "Make the figures of README and docs again; stated against measured.",
+    ),
     "render-scene": ("dsmap.tools.render_scene", "Render a labelled RGB-D sequence of a synthetic room."),
     "bench-render": ("dsmap.tools.bench_render", "Frames a second of every renderer."),
     "contact-sheet": (

@@ -1,0 +1,131 @@
+"""The figures that README and docs state, each with the commands that make it: tools/figures.yaml."""
+
+import itertools
+import json
+import statistics
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from importlib import resources
+from importlib.resources.abc import Traversable
+from pathlib import Path
+from typing import Any, Literal, TypeVar
+
+from dsmap.errors import InputError
+from dsmap.fusion.config_file import fill
+from dsmap.tools.presets import read_yaml
+
+T = TypeVar("T")
+
+
+@dataclass
+class Figure:
+    """One stated number."""
+
+    what: str = ""
+    stated: float = 0.0
+    """As the document states it, in `unit`."""
+    tolerance: float = 0.0
+    """A measured number this near is the same, in `unit`."""
+    file: str = ""
+    """JSON file that holds the number, in the entry's folder."""
+    key: str = ""
+    """Where in it: names joined by dots."""
+    unit: str = ""
+    scale: float = 1.0
+    """The file's number times this is in `unit`."""
+    of: Literal["median", "max", "min", "sum", "mean"] = "median"
+    """How the numbers of `each` become one."""
+
+
+@dataclass
+class Entry:
+    """Figures that come out of the same commands."""
+
+    name: str = ""
+    where: str = ""
+    """Where they are stated."""
+    needs: dict[str, str] = field(default_factory=dict)
+    """Folders in --data, and how one gets them."""
+    packages: tuple[str, ...] = ()
+    """Python packages that dsmap does without."""
+    each: dict[str, list[Any]] = field(default_factory=dict)
+    """Values of {names} in the commands; they run once for every combination."""
+    commands: tuple[str, ...] = ()
+    """dsmap commands without `dsmap`; {data} and {out} are folders."""
+    figures: list[Figure] = field(default_factory=list)
+
+    def cases(self) -> list[dict[str, Any]]:
+        """The combinations of `each`."""
+        return [
+            dict(zip(self.each, values, strict=True)) for values in itertools.product(*self.each.values())
+        ]
+
+
+@dataclass
+class Measured:
+    """A figure and what came out now."""
+
+    figure: Figure
+    values: list[float]
+    """One a case, in the figure's unit."""
+
+    @property
+    def value(self) -> float:
+        """The number to compare."""
+        functions: dict[str, Callable[[list[float]], float]] = {
+            "median": statistics.median, "mean": statistics.fmean, "max": max, "min": min, "sum": sum
+        }  # fmt: skip
+        return float(functions[self.figure.of](self.values))
+
+    @property
+    def same(self) -> bool:
+        """Whether the statement holds."""
+        return abs(self.value - self.figure.stated) <= self.figure.tolerance
+
+
+def load_entries(file: Path | None = None) -> list[Entry]:
+    """All entries of a list of figures; dsmap's own by default.
+
+    Raises:
+        InputError: the list is damaged; names the entry.
+    """
+    source: Path | Traversable = file or resources.files("dsmap.tools") / "figures.yaml"
+    listed = read_yaml(source).get("entries")
+    if not isinstance(listed, list):
+        raise InputError(f"{source}: found no list of entries; expected `entries:`")
+    entries = [_entry(values, str(source)) for values in listed]
+    names = [entry.name for entry in entries]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise InputError(f"{source}: {', '.join(twice)} is there twice; expected each name once")
+    return entries
+
+
+def number_at(file: Path, key: str) -> float:
+    """The number at a dotted key of a JSON file.
+
+    Raises:
+        InputError: there is none.
+    """
+    try:
+        value = json.loads(file.read_text())
+    except (OSError, json.JSONDecodeError) as error:
+        raise InputError(f"{file}: cannot be read ({error}); expected scores of dsmap") from error
+    for name in key.split("."):
+        value = value.get(name) if isinstance(value, dict) else None
+    if not isinstance(value, int | float) or isinstance(value, bool):
+        raise InputError(f"{file}: found {value!r} at {key}; expected a number")
+    return float(value)
+
+
+def _entry(values: Any, where: str) -> Entry:
+    if not isinstance(values, dict):
+        raise InputError(f"{where}: found {values!r} among the entries; expected names and values")
+    here = f"{where}: {values.get('name', 'an entry without name')}"
+    plain = {key: value for key, value in values.items() if key != "figures"}
+    entry = fill(Entry(), plain, here)
+    entry.figures = [fill(Figure(), figure, here) for figure in values.get("figures") or []]
+    for name in ("name", "where", "commands", "figures"):
+        if not getattr(entry, name):
+            raise InputError(f"{here}: no {name}; expected it")
+    return entry
