@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Iterable
+from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import numpy as np
 from dsmap.classes import CLASS_NAMES, NUM_CLASSES
 from dsmap.files import atomic_path
 from dsmap.sim_scenes.dataset import SUMMARY, Task
+from dsmap.sim_scenes.options import RenderOptions
 
 NYUV2_SHARES = (17.53, 3.53, 0.54, 1.45, 3.40, 9.85, 14.63, 12.80, 2.00, 2.36, 2.97, 0.55, 23.61, 4.77)
 """Pixels a class [%], void first, of 792 labelled training images of NYU Depth v2 in the 13-class mapping."""
@@ -45,7 +47,14 @@ def write_card(out: Path, tasks: Iterable[Task], command: str) -> np.ndarray:
     return pixels
 
 
-def _text(scenes: list[dict], pixels: np.ndarray, command: str, options: object) -> str:
+def _options(options: RenderOptions) -> str:
+    """What all scenes have in common and the defaults do not."""
+    plain, own = asdict(RenderOptions()), asdict(options)
+    said = [f"{k} {v}" for k, v in own.items() if v != plain[k] and k not in ("scene", "seed", "jobs")]
+    return ", ".join(said) or "none"
+
+
+def _text(scenes: list[dict], pixels: np.ndarray, command: str, options: RenderOptions) -> str:
     kinds = sorted({scene["scene"] for scene in scenes})
     seeds = [scene["seed"] for scene in scenes]
     frames = sum(scene["frames"] for scene in scenes)
@@ -59,7 +68,7 @@ def _text(scenes: list[dict], pixels: np.ndarray, command: str, options: object)
         if scenes
         else "- no scene is finished yet",
         *(f"- {kind}: {sum(s['scene'] == kind for s in scenes)} scenes" for kind in kinds),
-        f"- options of every scene: `{options}`",
+        f"- options that are not the defaults: {_options(options)}",
         "- every folder is a sequence in the TUM RGB-D layout with label/, instance/, poses and mesh.ply;"
         " depth is planar z, classes are NYUv2-13",
         "- no licence terms of others: all shapes and textures are generated",
