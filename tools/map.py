@@ -66,7 +66,7 @@ class Args:
     poses: Literal["track", "given"] = "track"
     """Estimate the motion, or take the recording's poses."""
     loops: Literal["on", "local", "global", "off"] | None = None
-    """Close loops: all, only view against view, only by keyframes, none; default: on (loop.mode)."""
+    """Close loops: all, only view against view, only by keyframes, none; default: loop.mode."""
     segmenter: str = "dsnet"
     """dsnet, labels (the recording's own), none, or module:factory returning a segmenter."""
     weights: str | None = None
@@ -78,7 +78,7 @@ class Args:
     label_fusion: Literal["bayes", "mean", "geometric"] | None = None
     """How a surfel's labels of many views are combined; default: geometric (labels.rule)."""
     segment_every: str | None = None
-    """Segment every n-th frame, or `keyframes`; default: every frame (labels.every)."""
+    """Segment every n-th frame, or `keyframes`; default: labels.every."""
     save_probabilities: bool = False
     """Add the 13 class probabilities to map.ply."""
     pictures: bool = True
