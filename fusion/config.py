@@ -63,7 +63,7 @@ class SurfelConfig:
     """An unstable surfel not seen for this many frames is dropped."""
     clean_every: int = 3
     """Clean up in every n-th frame."""
-    active_window: int = 200
+    active_window: int = 400
     """Surfels updated within this many frames are active; with loops off all are."""
 
 

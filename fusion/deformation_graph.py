@@ -9,7 +9,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dsmap.frame import orthonormal
 from dsmap.fusion.config import GraphConfig
 from dsmap.fusion.graph_solver import Problem, minimise
 from dsmap.kernels.deform import INFLUENCES, deform_surfels, graph_nodes
@@ -122,11 +121,7 @@ class DeformationGraph:
 
     def influences(self, points: np.ndarray, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Nodes that move points, (M, INFLUENCES), and their weights, which sum to 1 (M, INFLUENCES)."""
-        span = self._window[np.clip(times - self.times[0], 0, len(self._window) - 1)]
-        width = int((span[:, 1] - span[:, 0]).max(initial=INFLUENCES + 1))
-        candidates = span[:, :1] + np.arange(width)
-        outside = candidates >= span[:, 1:]
-        candidates = np.minimum(candidates, len(self) - 1)
+        candidates, outside = self._candidates(times)
         distance = np.linalg.norm(self.positions[candidates] - points[:, None], axis=-1)
         distance[outside] = np.inf
         order = np.argsort(distance, axis=1, kind="stable")[:, : INFLUENCES + 1]
@@ -183,17 +178,35 @@ class DeformationGraph:
         )
 
     def apply_to_poses(self, poses: np.ndarray, times: np.ndarray) -> np.ndarray:
-        """Poses T_world_camera (K, 4, 4) of frames `times` (K,) moved with the map around them, still rigid."""
+        """Poses T_world_camera (K, 4, 4) of frames `times` (K,) moved with what was mapped at their time.
+
+        A camera stands metres away from the surface it maps, where the affine maps of the nodes tell nothing.
+        So a pose takes the rigid motion that fits the displacements of all nodes of its time best (Kabsch).
+        """
         out = np.array(poses, dtype=np.float64)
-        if len(out) == 0:
+        if len(out) == 0 or not self.deformation.any():
             return out
-        index, weight = self.influences(out[:, :3, 3], np.asarray(times))
-        bend = np.einsum("mk,mkac->mca", weight, self.deformation[index, :3])  # sum_n w_n (A_n - I)
-        out[:, :3, 3] = self.apply_to_points(out[:, :3, 3], times)
-        for i in np.flatnonzero(np.abs(bend).max(axis=(1, 2)) > 0):
-            out[i, :3, :3] += bend[i] @ out[i, :3, :3]
-            out[i] = orthonormal(out[i])
+        candidates, outside = self._candidates(np.asarray(times))
+        share = np.where(outside, 0.0, 1.0)
+        share = (share / share.sum(axis=1, keepdims=True))[..., None]
+        before = self.positions[candidates]  # (K, w, 3)
+        after = before + self.deformation[candidates, 3]
+        middle, moved = (share * before).sum(axis=1), (share * after).sum(axis=1)
+        H = np.einsum("kwi,kwj->kij", share * (after - moved[:, None]), before - middle[:, None])
+        U, _, Vt = np.linalg.svd(H)
+        flip = np.ones((len(out), 3))
+        flip[:, 2] = np.linalg.det(U @ Vt)
+        R = (U * flip[:, None]) @ Vt  # after - moved = R (before - middle)
+        out[:, :3, 3] = moved + np.einsum("kij,kj->ki", R, out[:, :3, 3] - middle)
+        out[:, :3, :3] = R @ out[:, :3, :3]
         return out
+
+    def _candidates(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Nodes that may move what was mapped at frames `times` (M,), and which entries are none, (M, width)."""
+        span = self._window[np.clip(times - self.times[0], 0, len(self._window) - 1)]
+        width = int((span[:, 1] - span[:, 0]).max(initial=INFLUENCES + 1))
+        candidates = span[:, :1] + np.arange(width)
+        return np.minimum(candidates, len(self) - 1), candidates >= span[:, 1:]
 
     def _problem(self, c: Constraints) -> Problem:
         source, destination = (np.asarray(p, dtype=np.float64) for p in (c.source, c.destination))
