@@ -83,7 +83,7 @@ class Furnisher:
         surface: Surface,
         x: tuple[float, float],
         y: tuple[float, float],
-        yaw: float,
+        yaw: float = 0.0,
     ) -> bool:
         """Stand a thing on a surface off all that is on it; x, y = ranges for its place, 0..1 of the surface."""
         x0, y0, x1, y1, z = surface

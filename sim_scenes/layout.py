@@ -140,15 +140,18 @@ class Layout:
         yaw: float,
         under: Sequence[Block] = (),
         room: float = 0.0,
+        top: float = np.inf,
     ) -> Block | None:
         """Stand a piece on the floor if it fits and leaves the doors joined; returns the space it took.
 
         Args:
             under: blocks that it may reach into as far as nothing touches (the table of a chair).
             room: air that it needs around it [m].
+            top: height to which it counts; what stands higher on it is slim (taps before a window) [m].
         """
         xy = np.asarray(tuple(xy), float)
         block = self.block(piece, xy, yaw)
+        block = replace(block, high=min(block.high, top))
         if not self.fits(block, max(GAP, room), under) or self._touches(piece, xy, yaw, under):
             return None
         if block.high > FLAT:
@@ -177,25 +180,33 @@ class Layout:
         return False
 
     def against(
-        self, piece: Assembly, wall: Wall, x: float | None = None, out: float = GAP, front: float = 0.0
+        self,
+        piece: Assembly,
+        wall: Wall,
+        x: float | None = None,
+        out: float = GAP,
+        front: float = 0.0,
+        top: float = np.inf,
     ) -> float | None:
         """Stand a piece with its back to a wall, at `x` or at a random free place; returns x or None.
 
         Args:
             out: air behind it [m].
             front: floor before it that stays free for whoever uses it [m].
+            top: as of `stand`.
         """
         low, high = piece.bounds()
+        tall = min(float(high[2]), top)
         reach = float(high[1] - low[1]) + out
         for at in self._tries(wall, low[0] - GAP, high[0] + GAP, x, 24):
             left, right = float(at + low[0]), float(at + high[0])
-            if not wall.free(left, right, 0.0, float(high[2]), 0.0):
+            if not wall.free(left, right, 0.0, tall, 0.0):
                 continue
             apron = Block(strip(wall, left, right, reach, reach + front), 0.0, 1.0)
             if front and not self.fits(apron, 0.0, [b for b in self.taken if b.piece < 0]):
                 continue
-            if self.stand(piece, wall.point(at, float(high[1]) + out), wall.yaw):
-                wall.busy.append((left, right, 0.0, float(high[2])))
+            if self.stand(piece, wall.point(at, float(high[1]) + out), wall.yaw, top=top):
+                wall.busy.append((left, right, 0.0, tall))
                 if front:
                     self.taken.append(apron)
                 return at

@@ -138,6 +138,8 @@ def _window(rng: Rng, looks: Looks, layout: Layout, wall: Wall, opening: Opening
     layout.scene.place(piece, (*wall.point(opening.x, 0), 0), wall.yaw, room=layout.index)
     layout.scene.targets.append(np.array([*wall.point(opening.x, 0.0), 1.25]))
     wall.busy.append((opening.x - reach, opening.x + reach, low - 0.1, high + 0.14))
+    sill = strip(wall, opening.x0 - 0.06, opening.x1 + 0.06, 0.0, 0.1)
+    layout.taken.append(Block(sill, low - 0.04, low + 0.02))
 
 
 def _dressing(rng: Rng, looks: Looks, layout: Layout, wall: Wall, opening: Opening, piece: Assembly) -> float:

@@ -32,7 +32,7 @@ KINDS: dict[str, Kind] = {
     "living_room": Kind(rooms_home.living_room, (4.4, 5.8), (3.9, 5.0), (2, 4)),
     "bedroom": Kind(rooms_home.bedroom, (3.6, 5.0), (3.4, 4.5), (2, 4)),
     "office": Kind(rooms_work.office, (3.4, 5.2), (3.2, 4.4), (1, 3)),
-    "kitchen": Kind(rooms_work.kitchen, (3.2, 4.8), (2.9, 4.0), (0, 2)),
+    "kitchen": Kind(rooms_work.kitchen, (3.4, 5.0), (3.1, 4.2), (0, 2)),
     "bathroom": Kind(rooms_work.bathroom, (2.3, 3.2), (2.1, 2.9), (0, 1)),
     "corridor": Kind(rooms_work.corridor, (4.5, 7.0), (1.35, 1.9), (2, 5)),
 }

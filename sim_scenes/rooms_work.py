@@ -97,20 +97,21 @@ def _run(f: Furnisher, wall: Wall, length: float, main: bool) -> float:
         return 0.0
     low, high = stretches[0]
     cold = main and high - low > wide + 1.3
-    length = min(length, high - low - (wide + 0.08 if cold else 0.0) - 0.04)
+    length = min(length, high - low - (wide + 0.08 if cold else 0.0) - 0.1)
     side = rng.choice([-1, 1])
     start = low + 0.02 if side < 0 else high - 0.02
     if cold:
         layout.against(fridge, wall, start - side * wide / 2, front=0.45)
         start -= side * (wide + 0.04)
     units = f.make(kitchen_pieces.base_units, length, main, main)
+    top = units.surfaces[0][4]
     reach = float(np.ptp(units.bounds()[:, 0]))
     x = start - side * reach / 2
     for thing in rng.permutation(4)[: int(rng.integers(1, 4))]:
         kinds = (appliances.microwave, appliances.kettle, appliances.toaster, appliances.coffee_machine)
         surface = units.surfaces[int(rng.integers(len(units.surfaces)))]
-        f.put_on(units, f.make(kinds[int(thing)]), surface, (0.0, 1.0), (0.75, 1.0), 0.0)
-    if layout.against(units, wall, x, front=0.5) is None:
+        f.put_on(units, f.make(kinds[int(thing)]), surface, (0.0, 1.0), (0.4, 0.8))
+    if layout.against(units, wall, x, front=0.5, top=top) is None:
         return x
     cupboards = f.make(kitchen_pieces.wall_cupboards, length)
     if layout.hang(cupboards, wall, x, rng.uniform(1.38, 1.48)) is None:
@@ -131,9 +132,11 @@ def bathroom(f: Furnisher) -> np.ndarray:
             layout.against(bathing, wall, x, front=0.5) is not None for x in rng.permutation([-half, half])
         ):
             at = wall.point(float(rng.uniform(-0.1, 0.1)), float(np.ptp(bathing.bounds()[:, 1])) + 0.4)
-            mat = f.make(soft_goods.bath_mat)
-            if layout.fits(layout.block(mat, at, wall.yaw), 0.0, [b for b in layout.taken if b.piece < 0]):
-                layout.scene.place(mat, (*at, 0.0), wall.yaw + rng.uniform(-0.2, 0.2), room=layout.index)
+            mat, turn = f.make(soft_goods.bath_mat), wall.yaw + rng.uniform(-0.2, 0.2)
+            block = layout.block(mat, at, turn)
+            if layout.fits(block, 0.0, [b for b in layout.taken if b.piece < 0]):
+                layout.scene.place(mat, (*at, 0.0), turn, room=layout.index)
+                layout.taken.append(block)
             break
     basin = f.one_of(bath_pieces.vanity, bath_pieces.vanity, bath_pieces.washbasin)
     target = np.array([*layout.centre, 0.8])

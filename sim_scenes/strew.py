@@ -29,7 +29,8 @@ PLACE_OF = {
     "island": "kitchen", "kitchen_shelf": "kitchen", "washbasin": "bath", "console_table": "hall",
     "hall_bench": "hall", "shoe_rack": "hall",
 }  # fmt: skip
-"""Pieces to the place they are; others are shelves."""
+"""Pieces to the place they are; for others it depends on the room, and most are shelves."""
+_ROOM_PLACE = {"kitchen": "kitchen", "bathroom": "bath"}
 ON_FLOOR = {
     "living_room": ("floor", 3, 10), "bedroom": ("floor", 3, 9), "office": ("floor", 2, 7), "kitchen": ("hall", 1, 4),
     "bathroom": ("bath", 0, 3), "corridor": ("hall", 1, 6),
@@ -73,7 +74,7 @@ def strew(rng: Rng, looks: Looks, layout: Layout, tidy: float) -> int:
     corners = [c.corners() for c in static]
     bounds = np.array([[c.min(0), c.max(0)] for c in corners])
     drops = [
-        _on_piece(rng, looks, piece, 1 - tidy)
+        _on_piece(rng, looks, piece, layout.room.kind, 1 - tidy)
         for piece in pieces
         if piece.assembly.label not in ("wall", "window")
     ]
@@ -100,10 +101,10 @@ def _bounds(thing: Assembly, T: np.ndarray) -> np.ndarray:
     return np.array([points.min(0), points.max(0)])
 
 
-def _on_piece(rng: Rng, looks: Looks, piece: Piece, much: float) -> _Drop:
-    """Things for the surfaces of one piece of furniture."""
+def _on_piece(rng: Rng, looks: Looks, piece: Piece, kind: str, much: float) -> _Drop:
+    """Things for the surfaces of one piece of furniture in a kind of room."""
     drop = _Drop()
-    place = PLACE_OF.get(piece.name, "shelf")
+    place = PLACE_OF.get(piece.name, _ROOM_PLACE.get(kind, "shelf"))
     surfaces = piece.assembly.surfaces or (_seats(piece) if place == "bed" else [])
     taken = [shape.bounds() for shape, *_ in piece.assembly.parts] if surfaces else []
     for x0, y0, x1, y1, z in surfaces:
