@@ -116,8 +116,12 @@ def test_numbers_of_several_cases(tmp_path):
     values = [3.0, 1.0, 2.0]
     for of, expected in (("median", 2), ("mean", 2), ("max", 3), ("min", 1), ("sum", 6)):
         assert Measured(Figure(of=of), values).value == expected
-    (tmp_path / "s.json").write_text('{"a": {"100": 1.5, "b": null}}')
+    (tmp_path / "s.json").write_text(
+        '{"a": {"100": 1.5, "b": null}, "c": {"x": {"ok": true}, "y": {"ok": true}}, "l": [3, 4]}'
+    )
     assert number_at(tmp_path / "s.json", "a.100") == 1.5
-    for key in ("a.b", "a.c", "a"):
+    assert number_at(tmp_path / "s.json", "c.*.ok") == 2
+    assert number_at(tmp_path / "s.json", "l.1") == 4
+    for key in ("l.2", "a.b", "a.*", "c.*.no", "a.c", "a"):
         with pytest.raises(InputError, match=f"at {key}; expected a number"):
             number_at(tmp_path / "s.json", key)

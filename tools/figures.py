@@ -29,7 +29,9 @@ class Figure:
     file: str = ""
     """JSON file that holds the number, in the entry's folder."""
     key: str = ""
-    """Where in it: names joined by dots."""
+    """Where in it: names joined by dots; `*` sums over all names at its place."""
+    over: str = ""
+    """Key of a number to divide by."""
     unit: str = ""
     scale: float = 1.0
     """The file's number times this is in `unit`."""
@@ -102,7 +104,7 @@ def load_entries(file: Path | None = None) -> list[Entry]:
 
 
 def number_at(file: Path, key: str) -> float:
-    """The number at a dotted key of a JSON file.
+    """The number at a dotted key of a JSON file; `*` sums over all names at its place, true counts as 1.
 
     Raises:
         InputError: there is none.
@@ -111,11 +113,21 @@ def number_at(file: Path, key: str) -> float:
         value = json.loads(file.read_text())
     except (OSError, json.JSONDecodeError) as error:
         raise InputError(f"{file}: cannot be read ({error}); expected scores of dsmap") from error
+    values = [value]
     for name in key.split("."):
-        value = value.get(name) if isinstance(value, dict) else None
-    if not isinstance(value, int | float) or isinstance(value, bool):
-        raise InputError(f"{file}: found {value!r} at {key}; expected a number")
-    return float(value)
+        trees = [value if isinstance(value, dict) else _numbered(value) for value in values]
+        values = [v for tree in trees for v in (tree.values() if name == "*" else [tree.get(name)])]
+    wrong = [value for value in values if not isinstance(value, int | float)]
+    if wrong or not values:
+        raise InputError(f"{file}: found {wrong[0] if wrong else None!r} at {key}; expected a number")
+    return float(sum(values))
+
+
+def _numbered(value: Any) -> dict[str, Any]:
+    """A list as names with values: "0", "1", ..."""
+    if not isinstance(value, list):
+        return {}
+    return {str(i): item for i, item in enumerate(value)}
 
 
 def _entry(values: Any, where: str) -> Entry:

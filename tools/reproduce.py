@@ -99,7 +99,8 @@ def reproduce(entry: Entry, args: Args) -> list[Measured]:
             )
         for one in measured:
             value = number_at(out / one.figure.file, one.figure.key)
-            one.values.append(value * one.figure.scale)
+            over = number_at(out / one.figure.file, one.figure.over) if one.figure.over else 1.0
+            one.values.append(value / over * one.figure.scale)
     return measured
 
 
