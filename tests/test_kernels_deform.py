@@ -140,6 +140,10 @@ def test_a_bend_is_spread_smoothly_and_pins_hold():
     shift = graph.apply_to_points(positions, times) - positions
     assert np.abs(shift[:30]).max() < 1e-3, "the pinned start holds still"
     assert np.abs(shift[-30:] - drift).max() < 1e-3, "the end is where it belongs"
+    camera = np.eye(4)[None].repeat(2, axis=0)
+    camera[:, :3, 3] = positions[[10, -10]] + [0, 0, 2.0]  # metres away from what they see
+    carried = graph.apply_to_poses(camera, times[[10, -10]])[:, :3, 3] - camera[:, :3, 3]
+    assert np.abs(carried[0]).max() < 5e-3 and np.abs(carried[1] - drift).max() < 5e-3
     along = shift[:, 1].reshape(20, -1).mean(axis=1)
     assert (np.diff(along) > -2e-3).all(), "the correction grows along the way"
     assert 0.03 < along[10] < 0.07 and np.abs(np.diff(along)).max() < 0.02
