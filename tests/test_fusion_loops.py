@@ -108,7 +108,7 @@ def test_without_drift_the_map_wakes_up_as_it_is():
     assert m.closer.verified >= m.time - 10, "the old part of the map is in use again"
     assert error(m, AWAY - 46) < error(reference, AWAY - 46) + 8e-3
     alive = [int((each.surfels.numpy()["weight"] > 0).sum()) for each in (m, reference)]
-    assert alive[0] < 1.15 * alive[1], "no second copy of what was there"
+    assert alive[0] < 1.25 * alive[1], "no second copy of what was there"
 
 
 @pytest.mark.parametrize("paper", [1, 2])
