@@ -11,6 +11,8 @@ from dsmap.sim_scenes.tours import VIEWPOINT_CLEARANCE, Tour
 
 LOOP_M = 16.0
 """A round trip through a flat is at least this long, before corners are cut [m]."""
+ENOUGH_M = 30.0
+"""Once it is this long, rooms that are left are not visited any more [m]."""
 REST_S = 0.6
 """A round trip begins and ends at rest for this long [s]."""
 
@@ -57,7 +59,7 @@ def _watch(tour: Tour, stops: "Viewpoints", rng: Rng, seconds: float) -> Tour:
 
 
 def round_trip(scene: Scene, space: FreeSpace, rng: Rng, seconds: float = 0.0) -> Tour:
-    """A walk through all rooms (or around one) that ends where and as it began; repeated until `seconds` are full.
+    """A walk through rooms (or around one) that ends where and as it began; repeated until `seconds` are full.
 
     The end has the eye and the heading of the start to within a few millimetres and tenths of a degree.
     """
@@ -137,13 +139,13 @@ class Viewpoints:
 
 
 def _through_rooms(stops: Viewpoints, start: int, rng: Rng) -> list[int]:
-    """Viewpoints of all rooms, nearest first with some chance, until the way there and back is long enough."""
+    """Viewpoints of room after room, nearest first with some chance, until the way there and back is long enough."""
     ways, here, total = stops.space.ways, start, 0.0
     vias: list[int] = []
     left = [k for k in range(len(stops.rooms)) if start not in stops.rooms[k]]
     while True:
         costs = ways.costs(here)
-        if total + costs[start] >= LOOP_M and not left:
+        if total + costs[start] >= (ENOUGH_M if left else LOOP_M):
             return vias
         left = left or list(range(len(stops.rooms)))
         draws = [stops.draw(rng, room, away_from=ways.points[here]) for room in left]

@@ -19,14 +19,14 @@ CRUISE = (0.42, 0.58)
 """Walking speed, drawn for each leg [m/s]."""
 ACCELERATION = 0.45
 """[m/s^2]"""
-TURN_RATE = np.radians(48.0)
+TURN_RATE = np.radians(42.0)
 """Fastest turn of the head [rad/s]; it gets there at `TURN_ACCELERATION` [rad/s^2]."""
 TURN_ACCELERATION = np.radians(110.0)
 CADENCE_HZ = 1.4
 """Steps a second at a slow walk."""
 CARRIED = 0.4
 """Share of the body's bounce that the hands pass on to the camera."""
-GLANCE_S = (1.2, 2.8)
+GLANCE_S = (1.8, 3.6)
 """How long one thing is looked at [s]."""
 SEEN_M = (1.1, 4.5)
 """Distance of things worth looking at [m]."""
