@@ -6,6 +6,7 @@ adds the 9x9 blocks of E_rot to a matrix whose pattern stays.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import qdldl
@@ -100,7 +101,7 @@ class NormalMatrix:
 
     def __init__(self, hessian: sp.csc_matrix, count: int):
         size = 12 * count
-        fixed = sp.kron(hessian, sp.identity(3), format="coo")  # one coordinate -> x, y, z
+        fixed: Any = sp.kron(hessian, sp.identity(3), format="coo")  # one coordinate -> x, y, z
         a, b = np.triu_indices(9)
         own = 12 * np.arange(count)[:, None]
         rows, columns = (own + a).ravel(), (own + b).ravel()
@@ -115,7 +116,7 @@ class NormalMatrix:
         self._in_block = (slice(None), a, b)
         starts = np.searchsorted(keys // size, np.arange(size + 1))
         self._matrix = sp.csc_matrix((self._data.copy(), keys % size, starts), shape=(size, size))
-        self._solver: qdldl.Solver | None = None
+        self._solver: Any = None
 
     def solve(self, blocks: np.ndarray, damping: float, right: np.ndarray) -> np.ndarray:
         """(J^T W J + damping I)^-1 right; the ordering is found once, as the pattern never changes."""
@@ -127,7 +128,7 @@ class NormalMatrix:
             self._solver = qdldl.Solver(self._matrix, upper=True)
         else:
             self._solver.update(self._matrix, upper=True)
-        return self._solver.solve(right)
+        return np.asarray(self._solver.solve(right))
 
 
 def minimise(problem: Problem, iterations: int) -> Solution:

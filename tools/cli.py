@@ -2,6 +2,7 @@
 
 import importlib
 import sys
+from typing import Any
 
 import tyro
 
@@ -59,7 +60,7 @@ def run(command: str, argv: list[str]) -> int:
     """Parse `argv` for one command and run it; returns the exit code."""
     try:
         module = importlib.import_module(COMMANDS[command][0])
-        about = {"prog": f"dsmap {command}", "description": COMMANDS[command][1]}
+        about: dict[str, Any] = {"prog": f"dsmap {command}", "description": COMMANDS[command][1]}
         if hasattr(module, "defaults"):  # a configuration file or a checkpoint says what flags not given mean
             about["default"] = module.defaults(argv)
         args = tyro.cli(module.Args, args=argv, **about)

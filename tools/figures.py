@@ -117,10 +117,11 @@ def number_at(file: Path, key: str) -> float:
     for name in key.split("."):
         trees = [value if isinstance(value, dict) else _numbered(value) for value in values]
         values = [v for tree in trees for v in (tree.values() if name == "*" else [tree.get(name)])]
-    wrong = [value for value in values if not isinstance(value, int | float)]
-    if wrong or not values:
-        raise InputError(f"{file}: found {wrong[0] if wrong else None!r} at {key}; expected a number")
-    return float(sum(values))
+    numbers = [float(value) for value in values if isinstance(value, int | float)]
+    if len(numbers) < max(len(values), 1):
+        wrong = next((value for value in values if not isinstance(value, int | float)), None)
+        raise InputError(f"{file}: found {wrong!r} at {key}; expected a number")
+    return sum(numbers)
 
 
 def _numbered(value: Any) -> dict[str, Any]:

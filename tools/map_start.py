@@ -87,7 +87,7 @@ def map_config(args: Any, sequence: Sequence) -> MapConfig:
         raise InputError(
             f"depth range is {args.depth_min}..{depth_max} m; expected 0 <= --depth-min < --depth-max"
         )
-    device = {"cuda": "cuda:0"}.get(args.device, args.device)
+    device = "cuda:0" if args.device == "cuda" else args.device
     return MapConfig(
         device, args.depth_min, depth_max, args.poses, track=args.track, surfels=args.surfels, labels=labels,
         loops=loop, ferns=args.ferns, relocalise=args.relocalise, graph=args.graph,
