@@ -19,7 +19,7 @@ from dsmap.sim_scenes import (
     tables,
     wall_art,
 )  # fmt: skip
-from dsmap.sim_scenes.furnish import Furnisher
+from dsmap.sim_scenes.furnish import CHAIRS, Furnisher
 from dsmap.sim_scenes.layout import Wall
 from dsmap.sim_scenes.scene import Assembly
 
@@ -106,11 +106,12 @@ def bedroom(f: Furnisher) -> np.ndarray:
         layout.against(stand, wall, x + side * (width / 2 + float(stand.size()[0]) / 2 + 0.07))
     others = f.walls(without=[main])
     f.fill(others, [f.make(storage.wardrobe)], front=0.45)
-    if f.odds(0.7):
+    if f.odds(0.85):
         f.desk(others, (furniture.office_chair, seats.dining_chair))
     if child:
         f.fill(others, [f.one_of(storage.toy_chest, beds.crib), f.make(storage.toy_chest)])
     _chest(f, others)
+    f.fill(others, [f.one_of(*CHAIRS)])
     f.fill(
         others,
         [f.one_of(storage.bookshelf, shelves.cube_shelf, shelves.ladder_shelf, hall_pieces.hall_bench)],

@@ -43,7 +43,7 @@ def office(f: Furnisher) -> np.ndarray:
     f.fill(f.walls(), [f.one_of(*cases)])
     if f.odds(0.5):
         f.dining(int(rng.integers(2, 6)), 30)
-    f.fill(f.walls(), [f.one_of(*CHAIRS) for _ in range(int(rng.integers(0, 3)))])
+    f.fill(f.walls(), [f.one_of(*CHAIRS) for _ in range(int(rng.integers(1, 4)))])
     if f.odds(0.4):
         f.fill(
             f.walls(), [f.one_of(hall_pieces.radiator, office_pieces.water_cooler, hall_pieces.coat_stand)]

@@ -15,6 +15,8 @@ from dsmap.sim_scenes.shapes import rotation_x, rotation_z
 from dsmap.sim_scenes.textures import Rng
 
 Surface = tuple[float, float, float, float, float]
+EYE = 1.2
+"""Things higher than this are not looked at: one would mostly see the ceiling [m]."""
 ABOVE = 0.008
 """Things start this far above what they fall on [m]."""
 DENSITY = {
@@ -91,7 +93,8 @@ def strew(rng: Rng, looks: Looks, layout: Layout, tidy: float) -> int:
         ):
             if pose is not None:
                 scene.put(thing.assembly, pose, room=layout.index)
-                scene.targets.append(pose[:3, 3] + [0.0, 0.0, 0.1])
+                if pose[2, 3] < EYE:
+                    scene.targets.append(pose[:3, 3] + [0.0, 0.0, 0.1])
                 count += 1
     return count
 
