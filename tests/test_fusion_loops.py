@@ -131,12 +131,18 @@ def test_drift_beyond_what_is_likely_is_refused():
     assert m.loops == []
 
 
-def test_modes():
-    m = mapper(mode="global")
-    there_and_back(m, DRIFT)
-    assert all(loop.kind == "global" for loop in m.loops)
+def test_a_global_loop_takes_more_drift_out():
+    m = mapper(mode="global", global_every=2)
+    m.config.ferns.min_age = 30
+    there_and_back(m, 2 * DRIFT)
+    assert [loop.kind for loop in m.loops] == ["global"]
+    assert m.loops[0].similarity > m.config.ferns.min_similarity
+    assert m.loops[0].shift_m > 0.04 and errors(m)[m.loops[0].frame :].max() < 0.02
+
+
+def test_without_loops_the_whole_map_is_active():
     m = mapper(mode="off")
-    assert m.closer is None and m.loops == []
+    assert m.closer is None and m.loops == [] and m._t_active == 0
 
 
 def test_a_covered_lens_is_found_again():
