@@ -5,7 +5,7 @@ import numpy as np
 from dsmap.frame import Frame, Intrinsics
 from dsmap.fusion.config import MapConfig
 from dsmap.fusion.integrate import Integrator
-from dsmap.fusion.loop_closure import LoopRecord
+from dsmap.fusion.loop_record import LoopRecord
 from dsmap.fusion.mapper import Mapper, StepResult
 from dsmap.fusion.segmenter import Segmenter
 from dsmap.kernels.types import FrameMaps

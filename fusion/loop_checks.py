@@ -95,3 +95,13 @@ def explained_rms(
     stride = tracker.config.stride[level]
     pixels = seen.both * source[0].shape[0] * source[0].shape[1] / stride**2
     return float(np.sqrt(max(b @ step, 0.0) / count)), count / max(pixels, 1.0)
+
+
+def rms_shift(vertex: np.ndarray, T: np.ndarray) -> float:
+    """RMS distance [m] by which T moves the points of a vertex map, shape (H, W, 3)."""
+    points = vertex[::4, ::4].reshape(-1, 3)
+    points = points[points[:, 2] > 0].astype(np.float64)
+    if len(points) == 0:
+        return 0.0
+    moved = points @ T[:3, :3].T + T[:3, 3] - points
+    return float(np.sqrt((moved**2).sum(axis=1).mean()))

@@ -7,7 +7,7 @@ deformation graph moves the active part onto the inactive one (Eq. 4); what agre
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import warp as wp
@@ -17,15 +17,16 @@ from dsmap.fusion.config import MapConfig
 from dsmap.fusion.deformation_graph import Constraints, DeformationGraph
 from dsmap.fusion.ferns import FernDatabase, small_size, small_view
 from dsmap.fusion.lie import inverse
-from dsmap.fusion.loop_checks import Overlap, explained_rms, objection, overlap
+from dsmap.fusion.loop_checks import Overlap, explained_rms, objection, overlap, rms_shift
 from dsmap.fusion.loop_constraints import ClosedLoops, constraints
+from dsmap.fusion.loop_record import LoopRecord, Moment
 from dsmap.fusion.relocalise import Relocaliser
 from dsmap.fusion.tracker import Health, ModelView, Tracker
 from dsmap.fusion.trajectory import TrajectoryPoint, extrapolated, poses_of, way
 from dsmap.fusion.views import Views
 from dsmap.kernels.deform import INFLUENCES
 from dsmap.kernels.reactivate import reactivate
-from dsmap.kernels.types import FrameMaps, ModelMaps
+from dsmap.kernels.types import FrameMaps
 
 _VGA_PIXELS = 640 * 480
 """Published pixel counts are those of this image size."""
@@ -37,49 +38,6 @@ _NEVER = -(10**9)
 _TIGHT = 0.5
 """Share of `negligible` by which a second registration may move the camera, and by which a strip of surface that
 comes into view may lie beside the active one."""
-
-
-@dataclass
-class LoopRecord:
-    """One closed loop."""
-
-    kind: str
-    """local or global."""
-    frame: int
-    frame_destination: int
-    """The frame that saw the inactive surface last."""
-    T_destination_frame: np.ndarray
-    """Takes points of the camera of `frame` into that of `frame_destination`, as estimated, shape (4, 4)."""
-    shift_m: float
-    """RMS distance by which the loop moves the points in view."""
-    residual_m2: float
-    """Mean squared point-to-plane distance of the registration."""
-    inliers: int
-    """Matched pixels, as if the image had 640x480."""
-    similarity: float
-    """Of the keyframe; 1 for local loops."""
-    nodes: int
-    """Of the deformation graph."""
-
-
-@dataclass
-class Moment:
-    """All that a loop closure looks at: the map's state after a frame was fused and the view predicted."""
-
-    frame: Sequence[FrameMaps]
-    view: ModelView
-    """The active model from the camera's pose, every level."""
-    maps: ModelMaps
-    """The same, finest level, with surfel indices."""
-    time: int
-    t_active: int
-    """Surfels updated since are active."""
-    trajectory: list[TrajectoryPoint]
-    """All frames up to now; a loop moves them with the map."""
-
-    @property
-    def T_world_camera(self) -> np.ndarray:
-        return self.view.T_world_camera
 
 
 class LoopCloser:
@@ -193,13 +151,13 @@ class LoopCloser:
         inactive = self.views.pyramid(T_found, self._inactive, self.level)
         T_inactive_active, health = self._register(now, inactive)
         points = now.view.levels[self.level][0].numpy()
-        again = _rms_shift(points, T_inactive_active)
+        again = rms_shift(points, T_inactive_active)
         seen = overlap(now.view.levels[self.level], inactive.levels[self.level], colours=True)
         self.rejected = objection(health, self.loops, seen, again, _TIGHT * self.loops.negligible)
         if self.rejected:
             return False
         T_found = orthonormal(T_found @ T_inactive_active)
-        shift = _rms_shift(points, inverse(now.T_world_camera) @ T_found)
+        shift = rms_shift(points, inverse(now.T_world_camera) @ T_found)
         if shift < self.loops.negligible:
             self._render_inactive(now.T_world_camera, now.t_active)
             return self._wake_view(now)
@@ -297,13 +255,3 @@ class LoopCloser:
         maps = self.views.empty()
         self.views.render(T_world_camera, maps, **window)
         return self.views.pyramid(T_world_camera, maps)
-
-
-def _rms_shift(vertex: np.ndarray, T: np.ndarray) -> float:
-    """RMS distance [m] by which T moves the points of a vertex map, shape (H, W, 3)."""
-    points = vertex[::4, ::4].reshape(-1, 3)
-    points = points[points[:, 2] > 0].astype(np.float64)
-    if len(points) == 0:
-        return 0.0
-    moved = points @ T[:3, :3].T + T[:3, 3] - points
-    return float(np.sqrt((moved**2).sum(axis=1).mean()))

@@ -14,7 +14,8 @@ from dsmap.errors import InputError
 from dsmap.frame import Frame, Intrinsics, orthonormal
 from dsmap.fusion.config import MapConfig
 from dsmap.fusion.integrate import Integrator
-from dsmap.fusion.loop_closure import LoopCloser, LoopRecord, Moment
+from dsmap.fusion.loop_closure import LoopCloser
+from dsmap.fusion.loop_record import LoopRecord, Moment
 from dsmap.fusion.moving import MovingThings
 from dsmap.fusion.pose_check import PoseCheck
 from dsmap.fusion.segmenter import Segmenter

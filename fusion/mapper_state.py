@@ -8,7 +8,7 @@ import warp as wp
 
 from dsmap.errors import InputError
 from dsmap.fusion.ferns import FernDatabase
-from dsmap.fusion.loop_closure import LoopRecord
+from dsmap.fusion.loop_record import LoopRecord
 from dsmap.fusion.mapper import Mapper
 from dsmap.fusion.trajectory import TrajectoryPoint
 from dsmap.kernels.types import SurfelMap
