@@ -9,10 +9,12 @@ from dsmap.sim_scenes.colliders import colliders_of, touch
 from dsmap.sim_scenes.scene import Assembly, Room, Scene
 from dsmap.sim_scenes.shapes import rotation_z
 from dsmap.sim_scenes.textures import Rng
-from dsmap.sim_scenes.walkable import Walkable
+from dsmap.sim_scenes.walkable import HALF_WIDTH, Walkable
 
 GAP = 0.03
 """Air between furniture and a wall or a neighbour [m]."""
+SKIRTING = 0.025
+"""What stands on the floor keeps this far from walls: skirting boards are nearly as thick [m]."""
 FLAT = 0.03
 """Things lower than this are walked over, and furniture may stand on them (rugs) [m]."""
 
@@ -104,7 +106,8 @@ class Layout:
         self.room = scene.rooms[room]
         self.walls = walls_of(self.room)
         self.taken: list[Block] = []
-        self.floor = Walkable(self.room.low, self.room.high)
+        # A little wider than needed: settled things slide, and what hangs on walls is not in this plan.
+        self.floor = Walkable(self.room.low, self.room.high, HALF_WIDTH + 0.05)
 
     @property
     def size(self) -> np.ndarray:
@@ -127,9 +130,12 @@ class Layout:
         """Leave the floor before a stretch of wall free; people may walk there."""
         self.taken.append(Block(strip(wall, x0, x1, 0.0, out), 0.0, height))
 
-    def fits(self, block: Block, gap: float = GAP, ignore: Sequence[Block] = ()) -> bool:
-        """Whether a block lies inside the room and off everything that was placed."""
-        if (block.corners < self.room.low - 1e-6).any() or (block.corners > self.room.high + 1e-6).any():
+    def fits(
+        self, block: Block, gap: float = GAP, ignore: Sequence[Block] = (), wall: float = SKIRTING
+    ) -> bool:
+        """Whether a block lies inside the room, `wall` off its walls where it stands low, and off what was placed."""
+        off = (wall if block.low < 0.1 and block.high > FLAT else 0.0) - 1e-6
+        if (block.corners < self.room.low + off).any() or (block.corners > self.room.high - off).any():
             return False
         return not any(t.meets(block, gap) for t in self.taken if not any(t is one for one in ignore))
 

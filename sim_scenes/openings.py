@@ -107,7 +107,7 @@ def _ajar(rng: Rng, looks: Looks, layout: Layout, wall: Wall, opening: Opening) 
         hinge = wall.point(opening.x0 if side < 0 else opening.x1, 0.036)
         yaw = wall.yaw + side * angle
         block = layout.block(leaf, hinge, yaw)
-        if layout.fits(block, 0.0):
+        if layout.fits(block, 0.0, wall=0.0):
             layout.taken.append(block)
             layout.floor.block(block.corners)
             layout.scene.place(leaf, (*hinge, 0), yaw, room=layout.index)
@@ -161,7 +161,7 @@ def _dressing(rng: Rng, looks: Looks, layout: Layout, wall: Wall, opening: Openi
         if (
             max(-x0, x1) < wall.length / 2 - 0.02
             and high[2] < wall.height - 0.08
-            and layout.fits(block, 0.02)
+            and layout.fits(block, 0.02, wall=0.0)
         ):
             for shape, material, label, _ in cloth.parts:
                 piece.add(shape, material, label)

@@ -14,7 +14,8 @@ HALF_WIDTH = 0.35
 class Walkable:
     """Grid of a room's floor: which cells are taken, and whether all doors stay joined by a way."""
 
-    def __init__(self, low: np.ndarray, high: np.ndarray) -> None:
+    def __init__(self, low: np.ndarray, high: np.ndarray, half_width: float = HALF_WIDTH) -> None:
+        self.half_width = half_width
         self.low = np.asarray(low, float)
         self.shape = tuple(np.maximum(1, np.floor((high - self.low) / CELL).astype(int)))
         self.blocked = np.zeros(self.shape, bool)
@@ -53,7 +54,7 @@ class Walkable:
         None where the doors are cut off from each other or the room has no free place.
         """
         taken = np.pad(self.blocked if blocked is None else blocked, 1, constant_values=True)
-        free = ndimage.distance_transform_edt(~taken)[1:-1, 1:-1] * CELL > HALF_WIDTH
+        free = ndimage.distance_transform_edt(~taken)[1:-1, 1:-1] * CELL > self.half_width
         parts, count = ndimage.label(free)
         if count == 0:
             return None
