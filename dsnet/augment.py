@@ -5,6 +5,7 @@ import numpy as np
 
 from dsmap.classes import VOID
 from dsmap.dsnet.config import AugmentConfig
+from dsmap.dsnet.datasets.base import Example
 
 _GREY = (127, 127, 127)
 """Colour outside the image: zero for the network (see `to_input`)."""
@@ -12,31 +13,39 @@ _TO_GREY = np.full((3, 3), 1 / 3, np.float32)
 
 
 def augment(
-    rgb: np.ndarray, label: np.ndarray, size: tuple[int, int], config: AugmentConfig, rng: np.random.Generator
-) -> tuple[np.ndarray, np.ndarray]:
+    example: Example, size: tuple[int, int], config: AugmentConfig, rng: np.random.Generator
+) -> Example:
     """A random view of a labelled image.
 
     Args:
-        rgb: uint8, shape (h, w, 3); label: class ids, uint8, shape (h, w).
         size: (width, height) of the result.
 
     Returns:
-        image, uint8 (height, width, 3), and its labels at half that size (the network's output), uint8
-        (height / 2, width / 2); void outside the given image.
+        rgb, uint8 (height, width, 3); its labels at half that size (the network's output), uint8
+        (height / 2, width / 2), void outside the given image; depth, float32 (height, width), 0 there. A
+        zoom makes things as much nearer as they look larger.
     """
-    A = random_affine((rgb.shape[1], rgb.shape[0]), size, config, rng)
+    rgb = example.rgb
+    source = (rgb.shape[1], rgb.shape[0])
+    A = random_affine(source, size, config, rng)
     image = warp_image(rgb, A, size)
-    half = scaling(0.5, 0.5) @ A
-    labels = cv2.warpAffine(
-        label, half[:2], (size[0] // 2, size[1] // 2), flags=cv2.INTER_NEAREST, borderValue=VOID
-    )
+    labels = _warp_nearest(example.label, scaling(0.5, 0.5) @ A, (size[0] // 2, size[1] // 2))
     image = jitter_colour(image, config, rng)
     if rng.random() < config.blur:
         image = cv2.GaussianBlur(image, (0, 0), rng.uniform(0.3, 1.5))
     if rng.random() < config.noise:
         noise = rng.standard_normal(image.shape, dtype=np.float32) * rng.uniform(2, 12)
         image = np.clip(image + noise, 0, 255).astype(np.uint8)
-    return image, labels
+    if example.depth is None:
+        return Example(image, labels)
+    fit = (size[0] / source[0]) * (size[1] / source[1])
+    zoom = np.sqrt(abs(np.linalg.det(A[:2, :2])) / fit)
+    return Example(image, labels, _warp_nearest(example.depth, A, size) / np.float32(zoom))
+
+
+def _warp_nearest(values: np.ndarray, A: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+    """Ids or depth under an affine map, never mixed; 0 (void, no measurement) outside."""
+    return cv2.warpAffine(values, A[:2], size, flags=cv2.INTER_NEAREST, borderValue=VOID)
 
 
 def scaling(sx: float, sy: float) -> np.ndarray:

@@ -7,23 +7,25 @@ from pathlib import Path
 import safetensors
 import torch
 from safetensors.torch import save_file
-from torch import Tensor
+from torch import Tensor, nn
 
 from dsmap.classes import CLASS_NAMES
-from dsmap.dsnet.config import DSNetConfig
-from dsmap.dsnet.model import DSNet
+from dsmap.dsnet.config import DeconvNetConfig, DSNetConfig, LibraryNetConfig, NetConfig
+from dsmap.dsnet.nets import build
 from dsmap.errors import InputError
 from dsmap.files import atomic_path
 
 WEIGHTS_FORMAT = "dsmap.dsnet"
 TRAINING_FORMAT = "dsmap.dsnet.training"
+_KINDS: dict[str, type] = {"dsnet": DSNetConfig, "deconvnet": DeconvNetConfig, "library": LibraryNetConfig}
+"""`kind` in a header to the class of its configuration; a header without it is of a DS-Net."""
 
 
 @dataclass
 class WeightsInfo:
     """What a weights file says about itself."""
 
-    config: DSNetConfig
+    config: NetConfig
     size: tuple[int, int] = (448, 448)
     """Width and height [px] a frame is resized to before the network sees it."""
     temperature: float = 1.0
@@ -61,16 +63,22 @@ def load_tensors(path: Path, file_format: str) -> tuple[dict[str, Tensor], dict]
         raise InputError(f"{path}: not a readable safetensors file of {file_format} ({error})") from error
 
 
-def save_weights(path: Path, model: DSNet, info: WeightsInfo) -> None:
+def save_weights(path: Path, model: nn.Module, info: WeightsInfo) -> None:
     """Write a network that `load_weights` and `dsmap map --weights` read."""
-    save_tensors(path, model.state_dict(), WEIGHTS_FORMAT, asdict(info))
+    header = {**asdict(info), "config": record_of(info.config)}
+    save_tensors(path, model.state_dict(), WEIGHTS_FORMAT, header)
 
 
-def load_weights(path: Path | str) -> tuple[DSNet, WeightsInfo]:
+def load_weights(
+    path: Path | str, class_names: tuple[str, ...] | None = CLASS_NAMES
+) -> tuple[nn.Module, WeightsInfo]:
     """Read a network for inference (in eval mode, on the CPU).
 
+    Args:
+        class_names: classes that it must have; None: any.
+
     Raises:
-        InputError: missing, damaged or foreign file, unknown configuration, other classes than dsmap's.
+        InputError: missing, damaged or foreign file, unknown configuration, other classes.
     """
     path = Path(path)
     tensors, header = load_tensors(path, WEIGHTS_FORMAT)
@@ -84,13 +92,13 @@ def load_weights(path: Path | str) -> tuple[DSNet, WeightsInfo]:
         )
     except (KeyError, TypeError, ValueError, IndexError) as error:
         raise InputError(f"{path}: unknown {WEIGHTS_FORMAT} header ({error!r})") from error
-    if info.class_names != CLASS_NAMES:
-        raise InputError(f"{path}: classes are {list(info.class_names)}, expected {list(CLASS_NAMES)}")
+    if class_names is not None and info.class_names != class_names:
+        raise InputError(f"{path}: classes are {list(info.class_names)}, expected {list(class_names)}")
     if any(side < 32 or side % 32 for side in info.size) or not info.temperature > 0:
         raise InputError(
             f"{path}: size {info.size} and temperature {info.temperature}, expected multiples of 32 and > 0"
         )
-    model = DSNet(info.config)
+    model = build(info.config)
     load_state(model, tensors, path)
     return model.eval(), info
 
@@ -104,6 +112,17 @@ def load_state(model: torch.nn.Module, tensors: dict[str, Tensor], path: Path) -
         raise InputError(f"{path}: tensors do not fit the network it describes ({reason[:200]})") from error
 
 
-def config_from(record: dict) -> DSNetConfig:
-    """A `DSNetConfig` from its JSON form."""
-    return DSNetConfig(**{**record, "widths": tuple(record["widths"])})
+def record_of(config: NetConfig) -> dict:
+    """The JSON form of a network's configuration."""
+    kind = next(kind for kind, form in _KINDS.items() if isinstance(config, form))
+    record = json.loads(json.dumps(asdict(config)))  # tuples become lists, as they come back from a file
+    return record if kind == "dsnet" else {"kind": kind, **record}
+
+
+def config_from(record: dict) -> NetConfig:
+    """A network's configuration from its JSON form."""
+    values = {key: tuple(value) if isinstance(value, list) else value for key, value in record.items()}
+    kind = values.pop("kind", "dsnet")
+    if kind == "dsnet" and "widths" not in values:
+        raise KeyError("widths")
+    return _KINDS[kind](**values)

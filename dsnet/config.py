@@ -1,6 +1,6 @@
 """Configuration of the network and of its training; free of torch, so that `--help` stays quick."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from dsmap.classes import NUM_CLASSES
@@ -24,15 +24,111 @@ class DSNetConfig:
     dropout: float = 0.2
     """Dropout after the 1x1 convolution of each B."""
     classes: int = NUM_CLASSES
-    """Output channels: void and the 13 classes."""
+    """Output channels: void and the classes of the data."""
+    channels: int = 3
+    """Input channels: 3 (RGB) or 4 (RGB and inverse depth)."""
 
     def __post_init__(self) -> None:
+        if self.channels not in (3, 4):
+            raise InputError(f"DS-Net: channels is {self.channels}, expected 3 (RGB) or 4 (RGB-D)")
         if self.stem_convs not in (1, 3):
             raise InputError(f"DS-Net: stem_convs is {self.stem_convs}, expected 1 or 3")
         if min(self.layers, self.growth, *self.widths, self.classes) < 1 or len(self.widths) != 4:
             raise InputError(f"DS-Net: layers, growth, classes and 4 widths must be positive, found {self}")
         if not 0 <= self.dropout < 1:
             raise InputError(f"DS-Net: dropout is {self.dropout}, expected 0 <= dropout < 1")
+
+
+@dataclass(frozen=True)
+class DeconvNetConfig:
+    """The deconvolution network of Noh, Hong and Han (ICCV 2015), VGG-16 mirrored."""
+
+    width: float = 1.0
+    """Channels relative to the original (64 .. 512 and 4096); 1 has 252 million parameters."""
+    classes: int = NUM_CLASSES
+    channels: int = 3
+
+    def __post_init__(self) -> None:
+        if not 0 < self.width <= 1 or self.channels not in (3, 4) or self.classes < 1:
+            raise InputError(f"DeconvNet: expected 0 < width <= 1 and 3 or 4 channels, found {self}")
+
+
+@dataclass(frozen=True)
+class LibraryNetConfig:
+    """A network of another library, as a baseline; from scratch, without downloads."""
+
+    name: Literal["pspnet", "deeplabv3"]
+    """pspnet (segmentation-models-pytorch, ResNet-18) or deeplabv3 (torchvision, MobileNetV3)."""
+    classes: int = NUM_CLASSES
+    channels: int = 3
+
+    def __post_init__(self) -> None:
+        if self.name not in ("pspnet", "deeplabv3") or self.channels != 3:
+            raise InputError(
+                f"network: {self.name} of {self.channels} channels, expected pspnet or deeplabv3 of 3"
+            )
+
+
+NetConfig = DSNetConfig | DeconvNetConfig | LibraryNetConfig
+"""Every network has `classes` and `channels`, and gives logits at half the size of its input."""
+
+DSNETS: dict[str, DSNetConfig] = {
+    "dsnet": DSNetConfig(),
+    "dsnet-m": DSNetConfig(layers=5, growth=24, widths=(24, 48, 64, 96)),
+    "dsnet-l": DSNetConfig(layers=6, growth=48, widths=(32, 64, 128, 256)),
+}
+"""The paper's size, and wider and deeper nets of the same design for those with more compute."""
+
+
+@dataclass(frozen=True)
+class NetChoice:
+    """Which network to train; what is not given is as the name says."""
+
+    name: Literal["dsnet", "dsnet-m", "dsnet-l", "deconvnet", "pspnet", "deeplabv3"] = "dsnet"
+    """dsnet (the paper's size), dsnet-m, dsnet-l (wider and deeper), deconvnet (Noh et al.), pspnet, deeplabv3."""
+    depth: bool = False
+    """RGB-D: inverse depth as a fourth channel; the data must have depth."""
+    layers: int | None = None
+    """DS-Net's L: 3x3 convolutions in a dense block (paper: 3, 4 or 5)."""
+    growth: int | None = None
+    """DS-Net's K: feature maps each of them adds (paper: 8, 16 or 32)."""
+    widths: tuple[int, int, int, int] | None = None
+    """DS-Net's channels at the pooling of B1..B4."""
+    stem_convs: int | None = None
+    """DS-Net's 3x3 convolutions before B1: 1 or 3."""
+    final_relu: bool | None = None
+    """DS-Net's ReLU after the last deconvolution, as in Table 1."""
+    dropout: float | None = None
+    """DS-Net's dropout after the 1x1 convolution of each B."""
+    width: float = 1.0
+    """DeconvNet's channels relative to the original."""
+
+    def config(self, classes: int = NUM_CLASSES) -> NetConfig:
+        """The network for data of so many classes (void counts).
+
+        Raises:
+            InputError: options that the named network does not have, or an impossible shape.
+        """
+        channels = 4 if self.depth else 3
+        names = ("layers", "growth", "widths", "stem_convs", "final_relu", "dropout")
+        given = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
+        if self.name in DSNETS:
+            return replace(DSNETS[self.name], classes=classes, channels=channels, **given)
+        if given:
+            raise InputError(f"--net.name {self.name} has no {', '.join(given)}, expected a dsnet for these")
+        if self.name == "deconvnet":
+            return DeconvNetConfig(self.width, classes, channels)
+        return LibraryNetConfig(self.name, classes, channels)  # type: ignore[arg-type]
+
+
+@dataclass(frozen=True)
+class ClassifierConfig:
+    """An encoder with global average pooling, for the paper's experiments on CIFAR-10."""
+
+    encoder: DSNetConfig | DeconvNetConfig = DSNetConfig()
+    """Whose encoder: its `classes` are the classes of the images."""
+    stem_stride: int = 1
+    """Of DS-Net's first convolution: 2 as in Table 1, or 1, which keeps more of a 32x32 image."""
 
 
 @dataclass(frozen=True)
@@ -87,13 +183,19 @@ class TrainConfig:
     """Class weights: `median` (median frequency), `log` (1 / log(1.02 + frequency)) or `none`."""
     validate_every: int = 500
     """Steps between validations, which also write the checkpoint."""
+    init_lr: float = 1.0
+    """Learning rate of weights that come from `init`, relative to that of new ones (the paper: 1/8)."""
     seed: int = 0
     """Of initial weights, order, augmentation and dropout."""
 
     def __post_init__(self) -> None:
         if any(side % 32 or side < 32 for side in self.size):
             raise InputError(f"training: size is {self.size}, expected multiples of 32")
-        if min(self.steps, self.batch, self.validate_every) < 1 or self.lr <= 0 or not 0 <= self.ema < 1:
+        if (
+            min(self.steps, self.batch, self.validate_every) < 1
+            or min(self.lr, self.init_lr) <= 0
+            or not 0 <= self.ema < 1
+        ):
             raise InputError(
                 "training: steps, batch and validate-every must be at least 1, lr above 0, 0 <= ema < 1"
             )

@@ -25,10 +25,12 @@ def score(segmenter: DSNetSegmenter, data: LabelledImages, *, calibration: bool 
     Returns:
         class_avg, pixel_acc, miou, per_class (see `ConfusionMatrix.scores`) [, ece, brier].
     """
-    confusion, reliability = ConfusionMatrix(), Reliability()
+    confusion, reliability = ConfusionMatrix.of(data.class_names), Reliability()
     for i in range(len(data)):
-        rgb, label = data[i]
-        probabilities = cv2.resize(segmenter.predict(rgb), label.shape[::-1], interpolation=cv2.INTER_LINEAR)
+        example = data[i]
+        label = example.label
+        probabilities = segmenter.predict(example.rgb, example.depth)
+        probabilities = cv2.resize(probabilities, label.shape[::-1], interpolation=cv2.INTER_LINEAR)
         confusion.add(label, probabilities[..., 1:].argmax(axis=2) + 1)
         if calibration:
             reliability.add(label, class_probabilities(probabilities))
@@ -39,16 +41,16 @@ def score(segmenter: DSNetSegmenter, data: LabelledImages, *, calibration: bool 
 
 
 def fit_temperature(segmenter: DSNetSegmenter, data: LabelledImages, *, seed: int = 0) -> float:
-    """The temperature that minimises the negative log-likelihood of the 13 classes (Guo et al. 2017).
+    """The temperature that minimises the negative log-likelihood of the classes but void (Guo et al. 2017).
 
     At most 2000 labelled pixels of each image are used, chosen by `seed`.
     """
     rng = np.random.default_rng(seed)
     logits, targets = [], []
     for i in range(len(data)):
-        rgb, label = data[i]
-        z = segmenter.logits(rgb)
-        label = resize_nearest(label, z.shape[1], z.shape[0]).ravel()
+        example = data[i]
+        z = segmenter.logits(example.rgb, example.depth)
+        label = resize_nearest(example.label, z.shape[1], z.shape[0]).ravel()
         chosen = np.flatnonzero(label != VOID)
         chosen = rng.permutation(chosen)[:_PIXELS_A_IMAGE]
         logits.append(z.reshape(-1, z.shape[2])[chosen, 1:])

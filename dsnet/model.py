@@ -7,11 +7,28 @@ from torch.nn.utils.fusion import fuse_conv_bn_eval
 
 from dsmap.dsnet.config import DSNetConfig
 
+_NEAREST_M = 0.3
+_MEAN_INVERSE_DEPTH = 0.45
+"""Of indoor views [1/m]: things between 1 and 5 m away."""
+_SPREAD_INVERSE_DEPTH = 0.25
 
-def to_input(images: Tensor | np.ndarray) -> Tensor:
-    """Colour images, uint8 (N, H, W, 3), as the network takes them: float32 (N, 3, H, W), channels_last."""
+
+def to_input(images: Tensor | np.ndarray, depth: Tensor | np.ndarray | None = None) -> Tensor:
+    """Images as a network takes them: float32 (N, 3 or 4, H, W), channels_last.
+
+    Args:
+        images: uint8 (N, H, W, 3).
+        depth: metres (N, H, W), 0 = no measurement, which becomes the mean of the channel. Inverse depth is
+            what parallax sees: rooms spread over it evenly, and far walls do not outweigh what is near.
+    """
     batch = torch.as_tensor(images).permute(0, 3, 1, 2).float()
-    return batch.sub_(127.5).div_(64.0)
+    batch = batch.sub_(127.5).div_(64.0)
+    if depth is None:
+        return batch
+    depth = torch.as_tensor(depth).float()
+    inverse = (1 / depth.clamp(min=_NEAREST_M) - _MEAN_INVERSE_DEPTH) / _SPREAD_INVERSE_DEPTH
+    inverse = torch.where(depth > 0, inverse, torch.zeros_like(inverse))
+    return torch.cat([batch, inverse[:, None]], dim=1).contiguous(memory_format=torch.channels_last)
 
 
 class ConvBN(nn.Sequential):
@@ -69,10 +86,19 @@ class Decode(nn.Module):
         return self.deconv2(self.deconv1(self.unpool(x, indices)))
 
 
+def make_stem(config: DSNetConfig, stride: int = 2) -> nn.Sequential:
+    """The convolutions before B1."""
+    width = config.widths[0]
+    stem = [ConvBN(nn.Conv2d(config.channels, width, 3, stride=stride, padding=1, bias=False), width)]
+    for _ in range(config.stem_convs - 1):
+        stem.append(ConvBN(nn.Conv2d(width, width, 3, padding=1, bias=False), width))
+    return nn.Sequential(*stem)
+
+
 class DSNet(nn.Module):
     """Class logits at half the input's size.
 
-    Input: float32, shape (N, 3, H, W), H and W multiples of 32, from `to_input`.
+    Input: float32, shape (N, channels, H, W), H and W multiples of 32, from `to_input`.
     Output: float32, shape (N, classes, H / 2, W / 2).
     """
 
@@ -80,10 +106,7 @@ class DSNet(nn.Module):
         super().__init__()
         self.config = config = config or DSNetConfig()
         w1, w2, w3, w4 = config.widths
-        stem = [ConvBN(nn.Conv2d(3, w1, 3, stride=2, padding=1, bias=False), w1)]
-        for _ in range(config.stem_convs - 1):
-            stem.append(ConvBN(nn.Conv2d(w1, w1, 3, padding=1, bias=False), w1))
-        self.stem = nn.Sequential(*stem)  #     224 x 224 x 16
+        self.stem = make_stem(config)  #        224 x 224 x 16
         self.b1 = Encode(config, w1, w2)  #     112 x 112 x (16 -> 80 -> 16)
         self.b2 = Encode(config, w2, w3)  #      56 x 56
         self.b3 = Encode(config, w3, w4)  #      28 x 28
@@ -105,7 +128,7 @@ class DSNet(nn.Module):
         return self.d4(x, indices1)
 
 
-def fold_batch_norms(model: DSNet) -> DSNet:
+def fold_batch_norms(model: nn.Module) -> nn.Module:
     """Fold every BN that follows a convolution into it (inference only; changes `model` and returns it)."""
     model.eval()
     for block in [m for m in model.modules() if isinstance(m, ConvBN)]:

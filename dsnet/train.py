@@ -1,4 +1,4 @@
-"""Training of DS-Net in one loop: what a step sees depends on the seed and the step only.
+"""Training in one loop: what a step sees depends on the seed and the step only.
 
 So a run that was killed and resumed ends with the same weights as one that was not (on one machine and
 thread count), and a checkpoint needs no state of random generators.
@@ -9,33 +9,26 @@ import json
 import math
 import time
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, replace
 from pathlib import Path
-from typing import cast
 
 import numpy as np
 import torch
 import torch.nn.functional as F
-from torch import Tensor
-from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn, update_bn
-from torch.utils.data import DataLoader, Dataset
+from torch import Tensor, nn
+from torch.optim.swa_utils import update_bn
+from torch.utils.data import DataLoader
 from tqdm import tqdm
 
-from dsmap.dsnet.augment import augment
-from dsmap.dsnet.checkpoint import (
-    TRAINING_FORMAT,
-    WeightsInfo,
-    load_state,
-    load_tensors,
-    load_weights,
-    save_tensors,
-    save_weights,
-)
-from dsmap.dsnet.config import AugmentConfig, DSNetConfig, TrainConfig
-from dsmap.dsnet.data import LabelledImages, class_weights, find_pairs
+from dsmap.dsnet.checkpoint import WeightsInfo, load_weights, record_of, save_weights
+from dsmap.dsnet.config import AugmentConfig, NetConfig, TrainConfig
+from dsmap.dsnet.data import LabelledImages, class_weights
+from dsmap.dsnet.datasets.registry import open_set, open_sets
 from dsmap.dsnet.measure import fit_temperature, score
-from dsmap.dsnet.model import DSNet, to_input
+from dsmap.dsnet.model import to_input
 from dsmap.dsnet.predict import DSNetSegmenter
+from dsmap.dsnet.state import State, load_checkpoint, new_state, save_checkpoint
+from dsmap.dsnet.stream import AugmentedStream
 from dsmap.errors import InputError
 from dsmap.files import atomic_path
 
@@ -43,43 +36,11 @@ BN_IMAGES = 256
 """Training images that the batch norms of averaged weights are measured on."""
 
 
-class AugmentedStream(Dataset):
-    """Sample k of the whole training, k = 0 .. steps * batch - 1: the data shuffled anew every epoch."""
-
-    def __init__(self, images: LabelledImages, augmentation: AugmentConfig, config: TrainConfig):
-        self.images, self.augmentation, self.config = images, augmentation, config
-
-    def __len__(self) -> int:
-        return self.config.steps * self.config.batch
-
-    def __getitem__(self, k: int) -> tuple[np.ndarray, np.ndarray]:
-        epoch, position = divmod(k, len(self.images))
-        order = np.random.default_rng((self.config.seed, 0, epoch)).permutation(len(self.images))
-        rgb, label = self.images[int(order[position])]
-        rng = np.random.default_rng((self.config.seed, 1, k))
-        return augment(rgb, label, self.config.size, self.augmentation, rng)
-
-
-@dataclass
-class State:
-    """Everything that a step changes."""
-
-    model: DSNet
-    ema: AveragedModel
-    optimiser: torch.optim.AdamW
-    step: int = 0
-    best: float = -1.0
-    """Class average of the best validation so far."""
-    seconds: float = 0.0
-    history: list[dict] = field(default_factory=list)
-    """One record a validation."""
-
-
 def train(
     data: Sequence[Path],
     val: Path,
     out: Path,
-    net: DSNetConfig,
+    net: NetConfig,
     augmentation: AugmentConfig,
     config: TrainConfig,
     *,
@@ -89,11 +50,12 @@ def train(
     workers: int = 1,
     progress: bool = True,
 ) -> dict:
-    """Train a DS-Net; `out` gets `best.safetensors` (calibrated), `checkpoint.safetensors`, `history.json`.
+    """Train a network; `out` gets `best.safetensors` (calibrated), `checkpoint.safetensors`, `history.json`.
 
     Args:
-        data, val: folders of labelled images (see `find_pairs`) to train on and to validate with.
-        init: weights to start from (fine-tuning); their network must be `net`.
+        data, val: data sets (see `open_set`) to train on and to validate with, of the same classes.
+        net: the network; its classes become those of the data.
+        init: weights to start from (fine-tuning), of the same network but for classes and depth.
         resume: go on from the checkpoint in `out`; it must be of the same configuration and data.
         workers: processes that prepare images; 0: this one.
 
@@ -103,10 +65,10 @@ def train(
     Raises:
         InputError: data, weights or checkpoint are missing, damaged or do not fit; `out` is in use.
     """
-    images = LabelledImages([p for path in data for p in find_pairs(path)], progress=progress)
-    held_back = LabelledImages(find_pairs(val), progress=progress)
+    images, held_back = read_data(data, val, net, progress)
+    net = replace(net, classes=len(images.class_names))
     run = {
-        "net": asdict(net),
+        "net": record_of(net),
         "augment": asdict(augmentation),
         "train": asdict(config),
         "images": len(images),
@@ -120,7 +82,7 @@ def train(
             raise InputError(f"{out}: holds a training run already, expected a new folder or --resume")
         load_checkpoint(checkpoint, state, run)
 
-    stream = AugmentedStream(images, augmentation, config)
+    stream = AugmentedStream(images, augmentation, config, with_depth=net.channels == 4)
     loader = DataLoader(
         stream,
         batch_size=config.batch,
@@ -140,23 +102,25 @@ def train(
             validate(state, model, held_back, out, config, float(np.mean(losses)))
             save_checkpoint(checkpoint, state, run)
             losses.clear()
-    return finish(out, held_back, run)
+    return finish(out, held_back, run, device)
 
 
-def new_state(net: DSNetConfig, config: TrainConfig, init: Path | None, device: str) -> State:
-    """Fresh weights (or those of `init`), optimiser and average."""
-    model = DSNet(net)
-    if init is not None:
-        given, info = load_weights(init)
-        if info.config != net:
-            raise InputError(f"{init}: network is {info.config}, expected {net}")
-        model.load_state_dict(given.state_dict())
-    model = model.to(torch.device(device)).to(memory_format=torch.channels_last)  # type: ignore[call-overload]
-    ema = AveragedModel(model, multi_avg_fn=get_ema_multi_avg_fn(config.ema))
-    matrices = [p for p in model.parameters() if p.ndim > 1]
-    vectors = [p for p in model.parameters() if p.ndim <= 1]
-    groups = [{"params": matrices}, {"params": vectors, "weight_decay": 0.0}]
-    return State(model, ema, torch.optim.AdamW(groups, lr=config.lr, weight_decay=config.weight_decay))
+def read_data(
+    data: Sequence[Path], val: Path, net: NetConfig, progress: bool
+) -> tuple[LabelledImages, LabelledImages]:
+    """The images to train on and to validate with, all of them read once.
+
+    Raises:
+        InputError: damaged or missing data, other classes in one than in the other, no depth for RGB-D.
+    """
+    parts = open_sets(data), open_set(val)
+    if parts[0].class_names != parts[1].class_names:
+        raise InputError(f"{val}: its classes are not those of {data[0]}, expected the same classes")
+    if net.channels == 4 and not all(part.has_depth for part in parts):
+        raise InputError(
+            f"{', '.join(map(str, [*data, val]))}: no depth in part of it, expected depth for RGB-D"
+        )
+    return LabelledImages(parts[0], progress=progress), LabelledImages(parts[1], progress=progress)
 
 
 def learning_rate(step: int, config: TrainConfig) -> float:
@@ -168,14 +132,19 @@ def learning_rate(step: int, config: TrainConfig) -> float:
 
 
 def train_step(state: State, batch: list[Tensor], weights: Tensor, config: TrainConfig, device: str) -> float:
-    """One optimiser step on images, uint8 (N, H, W, 3), and labels, uint8 (N, H / 2, W / 2); the loss."""
+    """One optimiser step on a batch of the stream; the loss.
+
+    Args:
+        batch: images, uint8 (N, H, W, 3), labels, uint8 (N, H / 2, W / 2) [, depth in metres (N, H, W)].
+        weights: of the classes in the loss, shape (classes,).
+    """
     torch.manual_seed(config.seed * 1_000_003 + state.step)  # of dropout
     for group in state.optimiser.param_groups:
-        group["lr"] = learning_rate(state.step, config)
-    images, labels = (tensor.to(device) for tensor in batch)
+        group["lr"] = learning_rate(state.step, config) * group["scale"]
+    images, labels, *depth = (tensor.to(device) for tensor in batch)
     labels = labels.long()
     state.model.train()
-    logits = state.model(to_input(images))
+    logits = state.model(to_input(images, *depth))
     # Class-weighted mean; void weighs 0. The clamp keeps a batch without any label finite.
     loss = F.cross_entropy(logits, labels, weight=weights, reduction="sum")
     loss = loss / weights[labels].sum().clamp(min=1.0)
@@ -187,27 +156,30 @@ def train_step(state: State, batch: list[Tensor], weights: Tensor, config: Train
     return loss.item()
 
 
-def averaged_model(state: State, stream: AugmentedStream) -> DSNet:
+def averaged_model(state: State, stream: AugmentedStream) -> nn.Module:
     """The averaged weights, in eval mode, with batch norms measured anew for them.
 
     An average of the statistics of past steps fits no weights: while the rate is high, it costs half the
     class average. The first samples of the stream serve at every validation.
     """
-    model = cast(DSNet, copy.deepcopy(state.ema.module))
+    model = copy.deepcopy(state.ema.module)
     device = next(model.parameters()).device
     count = min(BN_IMAGES, len(stream))
     batches = [range(k, min(k + stream.config.batch, count)) for k in range(0, count, stream.config.batch)]
     torch.manual_seed(stream.config.seed)  # of dropout
     with torch.no_grad():
-        update_bn((to_input(np.stack([stream[k][0] for k in batch])).to(device) for batch in batches), model)
+        samples = (zip(*[stream[k] for k in batch], strict=True) for batch in batches)
+        stacked = ([np.stack(part) for part in sample] for sample in samples)
+        update_bn((to_input(rgb, *depth).to(device) for rgb, _, *depth in stacked), model)
     return model.eval()
 
 
 def validate(
-    state: State, model: DSNet, data: LabelledImages, out: Path, config: TrainConfig, loss: float
+    state: State, model: nn.Module, data: LabelledImages, out: Path, config: TrainConfig, loss: float
 ) -> None:
     """Score the averaged weights, keep them if they are the best so far, and note the figures."""
-    info = WeightsInfo(model.config, size=config.size)
+    net: NetConfig = model.config  # type: ignore[assignment]
+    info = WeightsInfo(net, config.size, class_names=data.class_names)
     scores = score(DSNetSegmenter(copy.deepcopy(model), info, str(next(model.parameters()).device)), data)
     record = {"step": state.step, "loss": loss, "seconds": round(state.seconds, 1), **scores}
     state.history.append(record)
@@ -219,59 +191,14 @@ def validate(
         temporary.write_text(json.dumps(state.history, indent=1))
 
 
-def finish(out: Path, data: LabelledImages, run: dict) -> dict:
+def finish(out: Path, data: LabelledImages, run: dict, device: str) -> dict:
     """Calibrate the best weights and write them back with what they are made of."""
     path = out / "best.safetensors"
-    model, info = load_weights(path)
+    model, info = load_weights(path, data.class_names)
     info.temperature = 1.0
-    segmenter = DSNetSegmenter(copy.deepcopy(model), info)  # folded: a copy
+    segmenter = DSNetSegmenter(copy.deepcopy(model), info, device)  # folded: a copy
     info.temperature = fit_temperature(segmenter, data)
     scores = score(segmenter, data, calibration=True)
     info.notes = {**run, "validation": {**info.notes["validation"], **scores}}
     save_weights(path, model, info)
     return {**info.notes["validation"], "temperature": info.temperature}
-
-
-def save_checkpoint(path: Path, state: State, run: dict) -> None:
-    """Everything that `load_checkpoint` needs to go on."""
-    tensors = {f"model.{k}": v for k, v in state.model.state_dict().items()}
-    tensors |= {f"ema.{k}": v for k, v in state.ema.state_dict().items()}
-    for index, moments in state.optimiser.state_dict()["state"].items():
-        tensors |= {f"optimiser.{index}.{k}": v for k, v in moments.items()}
-    header = {"step": state.step, "best": state.best, "seconds": state.seconds, "history": state.history}
-    save_tensors(path, tensors, TRAINING_FORMAT, {**header, "run": run})
-
-
-def load_checkpoint(path: Path, state: State, run: dict) -> None:
-    """Continue from a checkpoint of the same run.
-
-    Raises:
-        InputError: the file is damaged or belongs to another configuration.
-    """
-    tensors, header = load_tensors(path, TRAINING_FORMAT)
-    for part, expected in run.items():
-        if header["run"][part] != expected:
-            found, now = _difference(header["run"][part], expected)
-            raise InputError(f"{path}: {part} of this run was {found}, expected as now {now}")
-    parts: dict[str, dict[str, Tensor]] = {"model": {}, "ema": {}, "optimiser": {}}
-    for name, tensor in tensors.items():
-        part, _, rest = name.partition(".")
-        parts[part][rest] = tensor
-    load_state(state.model, parts["model"], path)
-    load_state(state.ema, parts["ema"], path)
-    moments: dict[int, dict[str, Tensor]] = {}
-    for name, tensor in parts["optimiser"].items():
-        index, _, key = name.partition(".")
-        moments.setdefault(int(index), {})[key] = tensor
-    groups = state.optimiser.state_dict()["param_groups"]
-    state.optimiser.load_state_dict({"state": moments, "param_groups": groups})
-    state.step, state.best, state.seconds = header["step"], header["best"], header["seconds"]
-    state.history = header["history"]
-
-
-def _difference(a: object, b: object) -> tuple[object, object]:
-    """What differs between two settings, for an error message."""
-    if not (isinstance(a, dict) and isinstance(b, dict)):
-        return a, b
-    keys = [key for key in a | b if a.get(key) != b.get(key)]
-    return {key: a.get(key) for key in keys}, {key: b.get(key) for key in keys}

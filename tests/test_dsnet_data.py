@@ -7,7 +7,9 @@ import pytest
 from dsmap.classes import VOID
 from dsmap.dsnet.augment import augment, jitter_colour, random_affine, warp_image
 from dsmap.dsnet.config import AugmentConfig, TrainConfig
-from dsmap.dsnet.data import LabelledImages, class_weights, find_pairs
+from dsmap.dsnet.data import LabelledImages, class_weights
+from dsmap.dsnet.datasets.base import Example
+from dsmap.dsnet.datasets.registry import open_set
 from dsmap.errors import InputError
 from dsmap.frame import Intrinsics
 from dsmap.sequences import SequenceWriter
@@ -42,44 +44,45 @@ def recording(path, labelled=(0, 2)):
 
 
 def test_folder_of_images_and_labels(tmp_path):
-    data = LabelledImages(find_pairs(folder_of_images(tmp_path / "set")), progress=False)
+    data = LabelledImages(open_set(folder_of_images(tmp_path / "set")), progress=False)
     assert len(data) == 2
-    rgb, label = data[1]
-    assert rgb.shape == (24, 32, 3) and (rgb == 10).all() and (label == 2).all()
+    example = data[1]
+    assert example.rgb.shape == (24, 32, 3) and (example.rgb == 10).all() and (example.label == 2).all()
+    assert example.depth is None and not data.has_depth
 
 
 def test_frames_of_a_recording_without_labels_are_left_out(tmp_path):
-    data = LabelledImages(find_pairs(recording(tmp_path / "seq")), progress=False)
-    assert [int(data[i][1].max()) for i in range(len(data))] == [1, 3]
+    data = LabelledImages(open_set(recording(tmp_path / "seq")), progress=False)
+    assert [int(data[i].label.max()) for i in range(len(data))] == [1, 3]
 
 
 def test_folder_of_folders_in_a_fixed_order(tmp_path):
     recording(tmp_path / "all" / "b")
     folder_of_images(tmp_path / "all" / "a")
     (tmp_path / "all" / "empty").mkdir()
-    pairs = find_pairs(tmp_path / "all")
-    assert [pair.rgb.parent.parent.name for pair in pairs] == ["a", "a", "b", "b"]
+    items = open_set(tmp_path / "all").items
+    assert [item.rgb.parent.parent.name for item in items] == ["a", "a", "b", "b"]
 
 
 def test_a_small_cache_changes_nothing(tmp_path):
-    pairs = find_pairs(folder_of_images(tmp_path / "set", names="abcd"))
-    whole = LabelledImages(pairs, progress=False)
-    part = LabelledImages(pairs, cache_bytes=2 * 24 * 32 * 4, progress=False)
+    data = open_set(folder_of_images(tmp_path / "set", names="abcd"))
+    whole = LabelledImages(data, progress=False)
+    part = LabelledImages(data, cache_bytes=2 * 24 * 32 * 4, progress=False)
     assert (len(whole._cache), len(part._cache)) == (4, 2)
     for i in range(4):
-        for a, b in zip(whole[i], part[i], strict=True):
-            np.testing.assert_array_equal(a, b)
+        np.testing.assert_array_equal(whole[i].rgb, part[i].rgb)
+        np.testing.assert_array_equal(whole[i].label, part[i].label)
 
 
 def test_missing_and_damaged_data_is_named(tmp_path):
     with pytest.raises(InputError, match="no such folder"):
-        find_pairs(tmp_path / "nowhere")
+        open_set(tmp_path / "nowhere")
     with pytest.raises(InputError, match="no labelled image"):
-        find_pairs(tmp_path)
+        open_set(tmp_path)
     folder = folder_of_images(tmp_path / "set")
     (folder / "rgb" / "0002.png").unlink()
     with pytest.raises(InputError, match=r"0002.png: no image of this stem"):
-        find_pairs(folder)
+        open_set(folder)
 
 
 def test_a_bad_label_is_named_before_training(tmp_path):
@@ -87,13 +90,13 @@ def test_a_bad_label_is_named_before_training(tmp_path):
     label = folder / "label" / "0002.png"
     cv2.imwrite(str(label), np.full((24, 32), 40, np.uint8))
     with pytest.raises(InputError, match=r"0002.png: class id 40 found, expected 0..13"):
-        LabelledImages(find_pairs(folder), progress=False)
+        LabelledImages(open_set(folder), progress=False)
     cv2.imwrite(str(label), np.ones((20, 32), np.uint8))
     with pytest.raises(InputError, match=r"0002.png: size is 32x20, expected 32x24"):
-        LabelledImages(find_pairs(folder), progress=False)
+        LabelledImages(open_set(folder), progress=False)
     label.write_bytes(label.read_bytes()[:40])
     with pytest.raises(InputError, match=r"0002.png"):
-        LabelledImages(find_pairs(folder), progress=False)
+        LabelledImages(open_set(folder), progress=False)
 
 
 def test_class_weights_follow_their_formulas(tmp_path):
@@ -103,7 +106,7 @@ def test_class_weights_follow_their_formulas(tmp_path):
     half[6:12] = VOID
     cv2.imwrite(str(folder / "label" / "a.png"), half)  # class 1: 1/2, class 2: 1/4, void: 1/4 of it
     cv2.imwrite(str(folder / "label" / "b.png"), np.full((24, 32), 2, np.uint8))  # class 2: all of it
-    data = LabelledImages(find_pairs(folder), progress=False)
+    data = LabelledImages(open_set(folder), progress=False)
     # frequency where present: class 1 1/2, class 2 (1/4 + 1) / 2 = 5/8; median 9/16
     expected = np.zeros(14)
     expected[1:3] = 9 / 16 / np.array([1 / 2, 5 / 8])
@@ -117,8 +120,9 @@ def test_without_augmentation_the_whole_image_is_resized():
     rng = np.random.default_rng(0)
     rgb = cv2.GaussianBlur(rng.integers(0, 256, (48, 64, 3), dtype=np.uint8), (0, 0), 4)
     label = rng.integers(0, 14, (48, 64), dtype=np.uint8)
-    image, labels = augment(rgb, label, (64, 48), NOTHING, rng)
-    np.testing.assert_array_equal(image, rgb)
+    view = augment(Example(rgb, label), (64, 48), NOTHING, rng)
+    labels = view.label
+    np.testing.assert_array_equal(view.rgb, rgb)
     assert labels.shape == (24, 32)
     # A pixel of half the size lies between four: its label is one of theirs.
     around = [label[i::2, j::2] for i in (0, 1) for j in (0, 1)]
@@ -132,7 +136,8 @@ def test_augmentation_keeps_image_and_label_aligned(seed):
     blocks = rng.integers(1, 13, (6, 8), dtype=np.uint8)
     label = np.kron(blocks, np.ones((40, 40), np.uint8))
     rgb = np.repeat(18 * label[..., None], 3, axis=2)
-    image, labels = augment(rgb, label, (256, 192), GEOMETRY_ONLY, rng)
+    view = augment(Example(rgb, label), (256, 192), GEOMETRY_ONLY, rng)
+    image, labels = view.rgb, view.label
     grey = np.float32(image[..., 0]) / 18
     grey[image[..., 0] == 127] = VOID  # outside the given image
     quads = np.stack([grey[i::2, j::2] for i in (0, 1) for j in (0, 1)])

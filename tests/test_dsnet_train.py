@@ -14,7 +14,9 @@ from dsmap.classes import PALETTE  # noqa: E402
 from dsmap.dsnet import train as training  # noqa: E402
 from dsmap.dsnet.checkpoint import WeightsInfo, load_weights  # noqa: E402
 from dsmap.dsnet.config import AugmentConfig, DSNetConfig, TrainConfig  # noqa: E402
-from dsmap.dsnet.data import LabelledImages, find_pairs  # noqa: E402
+from dsmap.dsnet.data import LabelledImages  # noqa: E402
+from dsmap.dsnet.datasets.base import Example  # noqa: E402
+from dsmap.dsnet.datasets.registry import open_set  # noqa: E402
 from dsmap.dsnet.measure import fit_temperature, score  # noqa: E402
 from dsmap.dsnet.model import DSNet  # noqa: E402
 from dsmap.dsnet.predict import SHIPPED_WEIGHTS, DSNetSegmenter, load_segmenter  # noqa: E402
@@ -147,7 +149,7 @@ def test_temperature_undoes_a_known_scaling(images):
         def __init__(self):
             self.rng = np.random.default_rng(0)
 
-        def logits(self, rgb):
+        def logits(self, rgb, depth):
             return 3 * self.answers.pop(0)
 
         answers: list = []
@@ -159,19 +161,19 @@ def test_temperature_undoes_a_known_scaling(images):
         p /= p.sum(axis=2, keepdims=True)
         label = 1 + (p.cumsum(axis=2) < rng.random((32, 32, 1))).sum(axis=2).clip(max=12)
         fake.answers.append(z)
-        data.append((np.zeros((32, 32, 3), np.uint8), label.astype(np.uint8)))
+        data.append(Example(np.zeros((32, 32, 3), np.uint8), label.astype(np.uint8)))
     assert abs(fit_temperature(fake, data) - 3) < 0.15
 
 
 def test_score_matches_a_hand_count(images):
     model = DSNet(TINY).eval()
     segmenter = DSNetSegmenter(model, WeightsInfo(TINY, size=(64, 64)))
-    data = LabelledImages(find_pairs(images), progress=False)
+    data = LabelledImages(open_set(images), progress=False)
     right = total = 0
-    for rgb, label in (data[i] for i in range(len(data))):
-        enlarged = cv2.resize(segmenter.predict(rgb), (64, 64), interpolation=cv2.INTER_LINEAR)
-        right += (enlarged[..., 1:].argmax(axis=2) + 1 == label).sum()
-        total += label.size
+    for example in (data[i] for i in range(len(data))):
+        enlarged = cv2.resize(segmenter.predict(example.rgb), (64, 64), interpolation=cv2.INTER_LINEAR)
+        right += (enlarged[..., 1:].argmax(axis=2) + 1 == example.label).sum()
+        total += example.label.size
     assert score(segmenter, data)["pixel_acc"] == pytest.approx(right / total)
 
 

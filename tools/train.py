@@ -1,4 +1,4 @@
-"""`dsmap train`: train DS-Net on recordings with labels or on folders of images and labels."""
+"""`dsmap train`: train DS-Net or a baseline on images with labels."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -6,7 +6,7 @@ from typing import Annotated
 
 import tyro
 
-from dsmap.dsnet.config import AugmentConfig, DSNetConfig, TrainConfig
+from dsmap.dsnet.config import AugmentConfig, NetChoice, TrainConfig
 
 
 @dataclass
@@ -14,9 +14,10 @@ class Args:
     """What to train on, and how."""
 
     data: tuple[Path, ...]
-    """Folders to train on: recordings with labels, `rgb/` + `label/`, or folders of these."""
+    """Data sets to train on, PATH or PATH@SPLIT: recordings with labels, `rgb/` + `label/`, folders of these,
+    NYUv2 (its .mat file), SUN RGB-D, ScanNet frames, PASCAL VOC, SBD. All of the same classes."""
     val: Path
-    """Folder to validate with: other rooms than those of `data`."""
+    """Data set to validate with, PATH or PATH@SPLIT: other rooms than those of `data`."""
     out: Path
     """Folder of the run: best.safetensors, checkpoint.safetensors, history.json."""
     init: Path | None = None
@@ -28,7 +29,7 @@ class Args:
     workers: int = 1
     """Processes that prepare images; 0: the training process itself."""
     train: Annotated[TrainConfig, tyro.conf.arg(name="")] = field(default_factory=TrainConfig)
-    net: DSNetConfig = field(default_factory=DSNetConfig)
+    net: NetChoice = field(default_factory=NetChoice)
     augment: AugmentConfig = field(default_factory=AugmentConfig)
 
 
@@ -40,7 +41,7 @@ def main(args: Args) -> None:
         args.data,
         args.val,
         args.out,
-        args.net,
+        args.net.config(),
         args.augment,
         args.train,
         init=args.init,

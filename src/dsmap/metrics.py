@@ -85,12 +85,19 @@ class ConfusionMatrix:
 
     counts: np.ndarray = field(default_factory=lambda: np.zeros((NUM_CLASSES, NUM_CLASSES), dtype=np.int64))
     """Rows: reference, columns: predicted; column 0 (no answer) counts as wrong. Shape (14, 14)."""
+    names: tuple[str, ...] = CLASS_NAMES
+
+    @classmethod
+    def of(cls, names: tuple[str, ...]) -> "ConfusionMatrix":
+        """Of other classes than dsmap's, such as VOC's; the first is void."""
+        return cls(np.zeros((len(names), len(names)), dtype=np.int64), names)
 
     def add(self, reference: np.ndarray, predicted: np.ndarray) -> None:
         """Count class ids of equal shapes; where the reference is void (or no class) nothing is counted."""
-        scored = (reference != VOID) & (reference < NUM_CLASSES)
-        pairs = reference[scored].astype(np.int64) * NUM_CLASSES + predicted[scored]
-        self.counts += np.bincount(pairs, minlength=NUM_CLASSES**2).reshape(NUM_CLASSES, NUM_CLASSES)
+        classes = len(self.names)
+        scored = (reference != VOID) & (reference < classes)
+        pairs = reference[scored].astype(np.int64) * classes + predicted[scored]
+        self.counts += np.bincount(pairs, minlength=classes**2).reshape(classes, classes)
 
     @property
     def total(self) -> int:
@@ -104,7 +111,7 @@ class ConfusionMatrix:
         """
         hits = np.diag(self.counts)
         references, answers = self.counts.sum(axis=1), self.counts.sum(axis=0)
-        present = [k for k in range(1, NUM_CLASSES) if references[k] > 0]
+        present = [k for k in range(1, len(self.names)) if references[k] > 0]
         if not present:
             return {"class_avg": None, "pixel_acc": None, "miou": None, "per_class": {}}
         recall = {k: float(hits[k] / references[k]) for k in present}
@@ -114,7 +121,7 @@ class ConfusionMatrix:
             "pixel_acc": float(hits[1:].sum() / self.total),
             "miou": float(np.mean(list(iou.values()))),
             "per_class": {
-                CLASS_NAMES[k]: {"recall": recall[k], "iou": iou[k], "pixels": int(references[k])}
+                self.names[k]: {"recall": recall[k], "iou": iou[k], "pixels": int(references[k])}
                 for k in present
             },
         }
@@ -135,9 +142,10 @@ class Reliability:
 
         Args:
             reference: class ids, any shape; void is left out.
-            probabilities: of the 13 classes 1..13, rows sum to 1, shape (*reference.shape, 13).
+            probabilities: of the 13 classes 1..13, rows sum to 1, shape (*reference.shape, 13); or of
+                another number of classes.
         """
-        scored = (reference != VOID) & (reference < NUM_CLASSES)
+        scored = (reference != VOID) & (reference <= probabilities.shape[-1])
         truth, p = reference[scored].astype(np.int64) - 1, probabilities[scored].astype(np.float64)
         if len(truth) == 0:
             return
@@ -164,8 +172,8 @@ class Reliability:
 def class_probabilities(probabilities: np.ndarray) -> np.ndarray:
     """Fourteen probabilities (void first) to those of the 13 classes, renormalised; uniform where all void.
 
-    Shapes (..., 14) to (..., 13), float32.
+    Shapes (..., 14) to (..., 13), float32; likewise for another number of classes.
     """
     p = np.clip(np.nan_to_num(probabilities[..., 1:].astype(np.float32)), 0.0, None)
     total = p.sum(axis=-1, keepdims=True)
-    return np.where(total > 0, p / np.maximum(total, 1e-12), np.float32(1.0 / (NUM_CLASSES - 1)))
+    return np.where(total > 0, p / np.maximum(total, 1e-12), np.float32(1.0 / p.shape[-1]))

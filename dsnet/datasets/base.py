@@ -1,0 +1,149 @@
+"""What every data set is read into: a list of items, each of which reads one labelled image."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from PIL import Image, UnidentifiedImageError
+
+from dsmap.classes import CLASS_NAMES, VOID
+from dsmap.errors import InputError
+from dsmap.sequences.images import read_colour, read_depth, resize_colour, resize_nearest
+
+VOC_CLASS_NAMES: tuple[str, ...] = (
+    "void", "background", "aeroplane", "bicycle", "bird", "boat", "bottle", "bus", "car", "cat", "chair",
+    "cow", "dining table", "dog", "horse", "motorbike", "person", "potted plant", "sheep", "sofa", "train",
+    "tv monitor",
+)  # fmt: skip
+"""PASCAL VOC behind the void (their 255) that is class 0 everywhere in dsmap."""
+
+
+@dataclass(frozen=True)
+class Example:
+    """One labelled image."""
+
+    rgb: np.ndarray
+    """uint8, shape (H, W, 3)."""
+    label: np.ndarray
+    """Class ids, uint8, shape (H, W); 0 = void."""
+    depth: np.ndarray | None = None
+    """Planar depth [m], float32, shape (H, W), 0 = no measurement; None: the set has no depth."""
+
+
+class Item(Protocol):
+    """A labelled image that is not read yet; picklable, so that loader processes can take it."""
+
+    @property
+    def name(self) -> str:
+        """Names the image in messages and lists."""
+        ...
+
+    def read(self) -> Example:
+        """Read and check it.
+
+        Raises:
+            InputError: missing or damaged files, sizes that differ, ids of no class.
+        """
+        ...
+
+
+@dataclass(frozen=True)
+class LabelledSet:
+    """A data set, nothing of which is decoded yet."""
+
+    items: list[Item]
+    class_names: tuple[str, ...] = CLASS_NAMES
+    """Names of the ids that the items' labels have; `void` is 0."""
+    has_depth: bool = False
+    """Whether every item reads depth as well."""
+
+
+@dataclass(frozen=True)
+class FileItem:
+    """An item of image files."""
+
+    rgb: Path
+    label: Path
+    depth: Path | None = None
+    depth_scale: float = 1000.0
+    """Stored units per metre."""
+    table: np.ndarray | None = field(default=None, compare=False)
+    """Class of each stored id, uint8, shape (ids,); None: the stored ids are dsmap's classes."""
+    num_classes: int = len(CLASS_NAMES)
+    same_size: bool = True
+    """Whether colour must be of the label's size; otherwise it is resized to it, as depth is."""
+
+    @property
+    def name(self) -> str:
+        return str(self.label)
+
+    def read(self) -> Example:
+        rgb, stored = read_colour(self.rgb), read_indices(self.label)
+        if stored.shape != rgb.shape[:2]:
+            if self.same_size:
+                raise InputError(
+                    f"{self.label}: size is {stored.shape[1]}x{stored.shape[0]}, "
+                    f"expected {rgb.shape[1]}x{rgb.shape[0]} as {self.rgb.name}"
+                )
+            rgb = resize_colour(rgb, stored.shape[1], stored.shape[0])
+        label = to_classes(stored, self.table, self.num_classes, str(self.label))
+        depth = None
+        if self.depth is not None:
+            depth = resize_nearest(read_depth(self.depth, self.depth_scale), label.shape[1], label.shape[0])
+        return Example(rgb, label, depth)
+
+
+def to_classes(stored: np.ndarray, table: np.ndarray | None, num_classes: int, name: str) -> np.ndarray:
+    """Class ids, uint8, of stored ids; `table` as in `FileItem`.
+
+    Raises:
+        InputError: an id is beyond the table, or a class beyond `num_classes`.
+    """
+    limit = num_classes if table is None else len(table)
+    if stored.size and stored.max() >= limit:
+        raise InputError(f"{name}: class id {stored.max()} found, expected 0..{limit - 1}")
+    return stored.astype(np.uint8) if table is None else table[stored]
+
+
+def read_indices(path: Path) -> np.ndarray:
+    """Ids of a label image, 8 or 16 bit, shape (H, W): palette images give their indices, not colours.
+
+    Raises:
+        InputError: missing, damaged, or a colour image.
+    """
+    try:
+        with Image.open(path) as image:
+            if image.mode not in ("P", "L", "I;16", "I", "1"):
+                raise InputError(f"{path}: found an image of mode {image.mode}, expected one channel of ids")
+            return np.asarray(image)
+    except UnidentifiedImageError as error:
+        raise InputError(f"{path}: no readable image, expected a label image (PNG)") from error
+    except (OSError, SyntaxError, ValueError) as error:
+        raise InputError(f"{path}: cannot be read ({error}), expected a label image (PNG)") from error
+
+
+def voc_table() -> np.ndarray:
+    """VOC's stored ids (0 background, 1..20, 255 void) to classes, shape (256,); other ids are void too."""
+    table = np.full(256, VOID, np.uint8)
+    table[:21] = np.arange(1, 22)
+    return table
+
+
+def require(path: Path, what: str) -> Path:
+    """The path, if it exists.
+
+    Raises:
+        InputError: it does not; `what` says what it is and where it comes from.
+    """
+    if not path.exists():
+        raise InputError(f"{path}: not there, expected {what}")
+    return path
+
+
+def read_list(path: Path, what: str) -> list[str]:
+    """The words of a text file, one a line, empty lines left out."""
+    try:
+        return require(path, what).read_text(encoding="utf-8").split()
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: cannot be read ({error}), expected {what}") from error

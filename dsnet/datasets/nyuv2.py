@@ -1,0 +1,162 @@
+"""The official NYU Depth v2 file, `nyu_depth_v2_labeled.mat` (HDF5), with depth; 13 classes.
+
+Beside it must lie `splits.mat` (the official split) and the 40 classes of Gupta et al.: `classMapping40.mat`
+(894 names to 40) or `labels40.mat` (the labels themselves).
+"""
+
+import functools
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scipy.io
+
+from dsmap.classes import CLASS_NAMES, NYU40_TO_13
+from dsmap.dsnet.datasets.base import Example, LabelledSet, require, to_classes
+from dsmap.dsnet.datasets.splits import select, validation_numbers
+from dsmap.errors import InputError
+from dsmap.sequences.images import clean_depth
+
+MAT_NAME = "nyu_depth_v2_labeled.mat"
+SPLITS = ("train", "val", "trainval", "test")
+"""`trainval` is the official training split, `train` and `val` its parts by the list of dsmap."""
+
+
+def is_nyuv2(path: Path) -> bool:
+    return path.suffix == ".mat" or (path / MAT_NAME).is_file()
+
+
+def load_nyuv2(path: Path, split: str | None) -> LabelledSet:
+    """The official file, or the folder that holds it.
+
+    Args:
+        split: `trainval` (default), `train`, `val` or `test`.
+
+    Raises:
+        InputError: files that are missing (what to download is said) or damaged, an unknown split.
+    """
+    file = path / MAT_NAME if path.is_dir() else path
+    split = split or "trainval"
+    if split not in SPLITS:
+        raise InputError(f"{file}: split is {split!r}, expected one of {', '.join(SPLITS)}")
+    require(file, f"{MAT_NAME} of the NYU Depth Dataset V2 page (labeled dataset)")
+    opened = open_hdf5(file)
+    count = _checked(opened, file)
+    official = read_mat(
+        require(file.parent / "splits.mat", "the official train/test split of the NYU Depth Dataset V2 page"),
+        "testNdxs" if split == "test" else "trainNdxs",
+    )
+    numbers = [int(number) for number in official.ravel()]
+    if not numbers or min(numbers) < 1 or max(numbers) > count:
+        raise InputError(
+            f"{file.parent / 'splits.mat'}: numbers exceed 1..{count}, the images of {file.name}"
+        )
+    if split in ("train", "val"):
+        numbers = [numbers[i] for i in select(numbers, split, validation_numbers())]
+    table, labels = _classes(file.parent)
+    return LabelledSet([MatItem(file, n - 1, table, labels) for n in numbers], CLASS_NAMES, has_depth=True)
+
+
+@dataclass(frozen=True, eq=False)
+class MatItem:
+    """One image of the official file."""
+
+    file: Path
+    index: int
+    """From 0; the set's own numbers count from 1."""
+    table: np.ndarray
+    """Stored label to our class."""
+    labels40: Path | None
+    """Where the stored labels are, if not in `file`."""
+
+    @property
+    def name(self) -> str:
+        return f"{self.file}:{self.index + 1}"
+
+    def read(self) -> Example:
+        content = open_hdf5(self.file)
+        try:
+            rgb = content["images"][self.index].transpose(2, 1, 0)  # MATLAB's order, reversed: (3, W, H)
+            depth = content["depths"][self.index].T
+            label = content["labels"][self.index].T
+        except (OSError, ValueError, IndexError) as error:
+            raise InputError(f"{self.name}: damaged ({error}), expected the whole of {MAT_NAME}") from error
+        if self.labels40 is not None:
+            label = _labels40(self.labels40, os.getpid())[..., self.index]
+        classes = to_classes(label, self.table, len(CLASS_NAMES), self.name)
+        return Example(np.ascontiguousarray(rgb), np.ascontiguousarray(classes), clean_depth(depth))
+
+
+def _checked(content: Any, file: Path) -> int:
+    """Number of images, after a look at the shapes."""
+    missing = [name for name in ("images", "depths", "labels") if name not in content]
+    if missing:
+        raise InputError(
+            f"{file}: no {', '.join(missing)} in it, expected the labeled dataset of NYU Depth v2"
+        )
+    images, depths, labels = (content[name].shape for name in ("images", "depths", "labels"))
+    if len(images) != 4 or (images[0], *images[2:]) != depths or depths != labels:
+        raise InputError(
+            f"{file}: shapes {images}, {depths}, {labels} of images, depths, labels do not agree"
+        )
+    return images[0]
+
+
+def _classes(folder: Path) -> tuple[np.ndarray, Path | None]:
+    """Table from stored labels to our classes, and the file of labels if it is another one."""
+    mapping, labels = folder / "classMapping40.mat", folder / "labels40.mat"
+    if not mapping.exists() and labels.exists():
+        return NYU40_TO_13, labels
+    require(
+        mapping,
+        "classMapping40.mat (or labels40.mat) of the 40-class labels of Gupta et al. for NYU Depth v2",
+    )
+    to_40 = read_mat(mapping, "mapClass").ravel().astype(np.int64)
+    if to_40.min() < 0 or to_40.max() >= len(NYU40_TO_13):
+        raise InputError(f"{mapping}: mapClass goes to {to_40.max()}, expected classes 1..40")
+    return np.concatenate([NYU40_TO_13[:1], NYU40_TO_13[to_40]]), None
+
+
+@functools.lru_cache(maxsize=2)
+def _labels40(path: Path, process: int) -> np.ndarray:
+    """NYU40 ids, uint8, shape (H, W, images): 445 MB for the whole set, so once a process."""
+    labels = read_mat(path, "labels40")
+    if labels.ndim != 3:
+        raise InputError(f"{path}: labels40 has shape {labels.shape}, expected (H, W, images)")
+    return labels
+
+
+def open_hdf5(path: Path) -> Any:
+    """A HDF5 file for reading, opened once a process: a handle must not cross a fork.
+
+    Raises:
+        InputError: it is none, or damaged.
+    """
+    return _opened(path, os.getpid())
+
+
+@functools.lru_cache(maxsize=8)
+def _opened(path: Path, process: int) -> Any:
+    import h5py
+
+    try:
+        return h5py.File(path, "r")
+    except OSError as error:
+        raise InputError(f"{path}: not a readable HDF5 file ({error}), expected a MATLAB 7.3 file") from error
+
+
+def read_mat(path: Path, name: str) -> Any:
+    """One variable of a MATLAB file of before version 7.3.
+
+    Raises:
+        InputError: unreadable, or without this variable.
+    """
+    try:
+        content = scipy.io.loadmat(path, variable_names=[name], squeeze_me=True, struct_as_record=False)
+    except (OSError, ValueError, NotImplementedError, TypeError) as error:
+        raise InputError(f"{path}: not a readable MATLAB file ({error})") from error
+    if name not in content:
+        raise InputError(f"{path}: no variable {name!r} in it")
+    return np.atleast_1d(content[name])

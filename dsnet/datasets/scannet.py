@@ -1,0 +1,84 @@
+"""ScanNet: frames exported from the scans (`label-filt`), or the ready-made set `scannet_frames_25k`."""
+
+import csv
+from pathlib import Path
+
+import numpy as np
+
+from dsmap.classes import CLASS_NAMES, NYU40_TO_13
+from dsmap.dsnet.datasets.base import FileItem, Item, LabelledSet, read_list, require
+from dsmap.errors import InputError
+
+LABEL_MAP = "scannetv2-labels.combined.tsv"
+
+
+def is_scannet(path: Path) -> bool:
+    return path.is_dir() and any(path.glob("scene[0-9][0-9][0-9][0-9]_[0-9][0-9]"))
+
+
+def load_scannet(path: Path, split: str | None) -> LabelledSet:
+    """Frames of ScanNet scenes: `sceneNNNN_NN/{color/*.jpg, depth/*.png}` and labels, in one of two ways.
+
+    `label-filt/*.png` holds ids of the label map (`scannetv2-labels.combined.tsv` in `path`), `label/*.png`
+    NYU40 ids as in `scannet_frames_25k`. Colour and depth are resized to the label.
+
+    Args:
+        split: `train` or `val` by `scannetv2_train.txt` in `path`; None: all scenes.
+
+    Raises:
+        InputError: what is missing and where it comes from.
+    """
+    scenes = sorted(p for p in path.glob("scene????_??") if p.is_dir())
+    if split is not None:
+        names = set(
+            read_list(path / f"scannetv2_{split}.txt", f"the list of {split} scenes of ScanNet's benchmark")
+        )
+        scenes = [scene for scene in scenes if scene.name in names]
+    items: list[Item] = []
+    table = None
+    for scene in scenes:
+        labels, ids = scene / "label", NYU40_TO_13
+        if (scene / "label-filt").is_dir():
+            labels = scene / "label-filt"
+            table = label_table(path / LABEL_MAP) if table is None else table
+            ids = table
+        require(
+            labels,
+            f"the labels of {scene.name}: {scene.name}_2d-label-filt.zip, unpacked, or scannet_frames_25k",
+        )
+        items += [_item(scene, label, ids) for label in sorted(labels.glob("*.png"), key=_number)]
+    if not items:
+        raise InputError(f"{path}: no labelled frame, expected sceneNNNN_NN/label-filt/*.png or label/*.png")
+    return LabelledSet(items, CLASS_NAMES, has_depth=True)
+
+
+def _item(scene: Path, label: Path, table: np.ndarray) -> FileItem:
+    rgb = scene / "color" / f"{label.stem}.jpg"
+    depth = scene / "depth" / f"{label.stem}.png"
+    require(rgb, f"the colour image of {label} (exported from the .sens file of the scan)")
+    require(depth, f"the depth image of {label} (exported from the .sens file of the scan)")
+    return FileItem(rgb, label, depth, depth_scale=1000.0, table=table, same_size=False)
+
+
+def _number(path: Path) -> tuple[int, str]:
+    return (int(path.stem) if path.stem.isdigit() else 0, path.stem)
+
+
+def label_table(path: Path) -> np.ndarray:
+    """Class of each raw id of ScanNet, uint8, shape (largest id + 1,); ids that are not listed are void.
+
+    Raises:
+        InputError: the label map is missing or is none.
+    """
+    require(path, f"the label map {LABEL_MAP} of ScanNet v2")
+    try:
+        with path.open(encoding="utf-8", newline="") as file:
+            rows = [(int(row["id"]), int(row["nyu40id"])) for row in csv.DictReader(file, delimiter="\t")]
+    except (OSError, KeyError, TypeError, ValueError) as error:
+        raise InputError(f"{path}: no label map ({error!r}), expected columns id and nyu40id") from error
+    if not rows or min(min(row) for row in rows) < 0 or max(nyu for _, nyu in rows) > 40:
+        raise InputError(f"{path}: expected ids from 0 and nyu40id within 0..40")
+    table = np.zeros(max(i for i, _ in rows) + 1, np.uint8)
+    for raw, nyu in rows:
+        table[raw] = NYU40_TO_13[nyu]
+    return table

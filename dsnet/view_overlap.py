@@ -1,0 +1,105 @@
+"""Which labelled images show a common view, and a validation set cut where none do.
+
+NYUv2 has several images of most rooms under neighbouring numbers: a random validation set would be seen in
+training. Two images share a view if enough SIFT matches agree with one epipolar geometry.
+"""
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+
+WINDOW = 8
+"""Images are compared with this many followers: further away, the set shows other rooms."""
+MIN_INLIERS = 16
+"""Matches on one epipolar geometry from which on two images share a view."""
+_FEATURES = 500
+_RATIO = 0.75
+"""Lowe's ratio: a match is kept if the second best is clearly worse."""
+
+
+class Features:
+    """SIFT keypoints and descriptors (RootSIFT) of a grey image, uint8 (H, W)."""
+
+    def __init__(self, grey: np.ndarray):
+        keypoints, descriptors = cv2.SIFT_create(_FEATURES).detectAndCompute(grey, None)  # type: ignore[attr-defined]
+        self.points = np.array([k.pt for k in keypoints], np.float32).reshape(-1, 2)
+        if descriptors is None:
+            descriptors = np.zeros((0, 128), np.float32)
+        descriptors = descriptors / np.maximum(descriptors.sum(axis=1, keepdims=True), 1e-6)
+        self.descriptors = np.sqrt(descriptors)
+
+
+def matches(a: Features, b: Features) -> int:
+    """Number of matches between two images that agree with one epipolar geometry."""
+    if min(len(a.points), len(b.points)) < 8:
+        return 0
+    similarity = a.descriptors @ b.descriptors.T  # RootSIFT is normalised: distance^2 = 2 - 2 similarity
+    best = similarity.argmax(axis=1)
+    rows = np.arange(len(best))
+    first = similarity[rows, best]
+    similarity[rows, best] = -1
+    distinct = np.sqrt(np.maximum(1 - first, 0)) < _RATIO * np.sqrt(
+        np.maximum(1 - similarity.max(axis=1), 1e-9)
+    )
+    # Many points on one other point are a texture, not a view: keep one each.
+    order = np.flatnonzero(distinct)[np.argsort(-first[distinct], kind="stable")]
+    _, once = np.unique(best[order], return_index=True)
+    chosen = order[once]
+    if len(chosen) < 8:
+        return 0
+    cv2.setRNGSeed(0)
+    _, mask = cv2.findFundamentalMat(a.points[chosen], b.points[best[chosen]], cv2.FM_RANSAC, 1.5, 0.999)
+    return 0 if mask is None else int(mask.sum())
+
+
+def cuts(features: Sequence[Features]) -> np.ndarray:
+    """Where the series can be cut: True at i if no image before i shares a view with one from i on.
+
+    Returns:
+        bool, shape (len(features) + 1,); both ends are True.
+    """
+    free = np.ones(len(features) + 1, bool)
+    for i, a in enumerate(features):
+        for j in range(i + 1, min(i + 1 + WINDOW, len(features))):
+            if free[i + 1 : j + 1].any() and matches(a, features[j]) >= MIN_INLIERS:
+                free[i + 1 : j + 1] = False
+    return free
+
+
+def choose_blocks(
+    free: np.ndarray, class_pixels: np.ndarray, total: int, blocks: int, seed: int = 0, trials: int = 20_000
+) -> list[tuple[int, int]]:
+    """Blocks of consecutive images whose classes are mixed as those of the whole set.
+
+    Args:
+        free: where the series can be cut (see `cuts`), shape (n + 1,).
+        class_pixels: labelled pixels of each class in each image, shape (n, classes), without void.
+        total, blocks: about how many images, in how many blocks.
+
+    Returns:
+        (first, end) of each block, in order: the best of `trials` random choices by the largest ratio
+        between a class's share in the blocks and in the set.
+    """
+    rng = np.random.default_rng(seed)
+    cut = np.flatnonzero(free)
+    summed = np.vstack([np.zeros(class_pixels.shape[1]), class_pixels.cumsum(axis=0)])
+    share = summed[-1] / summed[-1].sum()
+    best, chosen = np.inf, []
+    for _ in range(trials):
+        starts = np.sort(rng.choice(len(cut) - 1, blocks, replace=False))
+        ends = np.searchsorted(cut, cut[starts] + total / blocks * rng.uniform(0.7, 1.3, blocks))
+        ends = np.minimum(ends, len(cut) - 1)
+        lengths = cut[ends] - cut[starts]
+        # Blocks apart from each other: two in a row would be one.
+        if (
+            abs(lengths.sum() - total) > 2
+            or (starts[1:] <= ends[:-1]).any()
+            or lengths.max() > 2 * lengths.min()
+        ):
+            continue
+        pixels = (summed[cut[ends]] - summed[cut[starts]]).sum(axis=0)
+        ratio = np.abs(np.log(np.maximum(pixels / pixels.sum(), 1e-9) / share)).max()
+        if ratio < best:
+            best, chosen = ratio, [(int(cut[s]), int(cut[e])) for s, e in zip(starts, ends, strict=True)]
+    return chosen
