@@ -24,6 +24,10 @@ TURN = np.radians((22.0, 80.0))
 """Change of heading between neighbouring control points [rad]."""
 CRAMPED = 0.3
 """Where a freely drawn walk comes closer to things than this [m], a planned one takes its place."""
+FAVOURED = ("chair", "objects", "picture", "tv")
+"""Classes that photographs of rooms show more of than a room's own share: views are aimed at them more often."""
+LEAN = np.radians(-2.0)
+"""Views look down by this much more than at the middle of their subject, as people hold cameras."""
 PATHS = ("walk", "views", "loop", "fast", "cover", "jump")
 """walk = hand-held video; views = unrelated viewpoints; loop = a round trip back to the first view; fast = a walk
 with bursts of over 120 degrees a second; cover = a walk with the lens covered for a second (`covered_frames`);
@@ -199,13 +203,25 @@ def views(scene: Scene, space: FreeSpace, frames: int, rng: Rng) -> np.ndarray:
     if len(eyes) == 0:
         raise InputError(f"scene {scene.name} seed {scene.seed} leaves the camera no free space")
     eyes = eyes[np.arange(frames) % len(eyes)]
-    targets = np.array(scene.targets)[rng.integers(len(scene.targets), size=(frames, 6))]
+    subjects = _subjects(scene)
+    targets = subjects[rng.integers(len(subjects), size=(frames, 6))]
     distance = np.linalg.norm(targets[..., :2] - eyes[:, None, :2], axis=-1)
-    good = (distance > 1.0) & (distance < 4.2)
+    good = (distance > 0.9) & (distance < 3.4)
     at = targets[np.arange(frames), np.argmax(good, axis=1)] + rng.normal(0, 0.35, (frames, 3))
     heading = np.array([_heading(eye, point) for eye, point in zip(eyes, at, strict=True)])
-    pitch = np.clip(heading[:, 1] + rng.normal(0, np.radians(6), frames), np.radians(-55), np.radians(28))
+    pitch = heading[:, 1] + rng.normal(LEAN, np.radians(6), frames)
+    pitch = np.clip(pitch, np.radians(-55), np.radians(25))
     return look(eyes, heading[:, 0], pitch, rng.normal(0, np.radians(2.5), frames))
+
+
+def _subjects(scene: Scene) -> np.ndarray:
+    """What views are aimed at [m], shape (N, 3): what is worth looking at, and what pictures show more often."""
+    pieces = [piece for piece in scene.pieces if piece.assembly.label in FAVOURED]
+    middles = [
+        piece.T_world_piece[:3, :3] @ piece.assembly.bounds().mean(0) + piece.T_world_piece[:3, 3]
+        for piece in pieces
+    ]
+    return np.array([*scene.targets, *middles, *middles])
 
 
 def path_length(points: np.ndarray) -> float:
