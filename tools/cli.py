@@ -34,6 +34,10 @@ COMMANDS: dict[str, tuple[str, str]] = {
     ),
     "convert": ("dsmap.tools.convert", "Write a recording as NYU40 labels, COCO panoptic or nerfstudio."),
     "train": ("dsmap.tools.train", "Train DS-Net on sequences or on images with labels."),
+    "validation-split": (
+        "dsmap.tools.validation_split",
+        "Cut a validation set out of numbered images, where no view is shared.",
+    ),
     "cut": ("dsmap.tools.cut", "Copy a stretch of a recording into a new sequence in the TUM layout."),
 }
 """Command name to (module, one line of help). Each module has `Args` (a dataclass) and `main(args)`, and may have
