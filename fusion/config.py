@@ -171,6 +171,8 @@ class RelocaliseConfig:
     """Share of that in which the frame looks through a surface of the model."""
     min_ncc: float = 0.7
     """Correlation of the intensities, local mean taken off."""
+    max_rival: float = 0.01
+    """What another shift of the image may add to that: more, and the true place is a repetition further."""
 
 
 @dataclass

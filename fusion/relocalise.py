@@ -25,6 +25,10 @@ from dsmap.kernels.types import FrameMaps
 
 _SMALL_LEVELS = 2
 """Pyramid levels of a small view: 80x60 and 40x30."""
+_RIVAL_WIDTH = 160
+"""Shifts are tried on images this wide [px]."""
+_FAINT = 0.01
+"""Texture weaker than this (intensity in [0, 1]) is noise."""
 _GUESS = -1
 """Index of a keyframe that is a guess."""
 _CPU = wp.get_device("cpu")
@@ -43,6 +47,8 @@ class Agreement:
     """Of these, the share where the frame looks through the model's surface: that surface cannot be there."""
     ncc: float
     """Normalised cross-correlation of the intensities where depths agree, -1..1; brightness and contrast cancel."""
+    rival: float
+    """What the correlation gains if the image is shifted by up to a fifth of its size: true poses gain nothing."""
 
 
 @dataclass
@@ -189,6 +195,7 @@ def agreement(frame: FrameMaps, vertex: wp.array, intensity: wp.array, config: R
         same=float(np.count_nonzero(same) / total),
         seen_through=float(np.count_nonzero(through) / total),
         ncc=correlation(light, model_light, same),
+        rival=rival_shift(light, model_light, same),
     )
 
 
@@ -202,6 +209,7 @@ def disagreement(found: Agreement, config: RelocaliseConfig) -> str:
         ),
         (found.same < config.min_same, f"only {found.same:.0%} of the depths agree with the model"),
         (found.ncc < config.min_ncc, f"the colours do not correlate ({found.ncc:.2f})"),
+        (found.rival > config.max_rival, f"shifted, the colours correlate better (by {found.rival:.2f})"),
     ]
     return next((text for bad, text in reasons if bad), "")
 
@@ -211,10 +219,44 @@ def correlation(a: np.ndarray, b: np.ndarray, mask: np.ndarray) -> float:
 
     Without that, any bright wall over any dark floor would correlate.
     """
-    weight = mask.astype(np.float32)
-    size = (2 * (mask.shape[1] // 20) + 1,) * 2
-    share = np.maximum(cv2.boxFilter(weight, -1, size), 1e-6)
-    a, b = (image - cv2.boxFilter(image * weight, -1, size) / share for image in (a, b))
-    a, b = a[mask], b[mask]
+    a, b = (image[mask] for image in _details(a, b, mask))
     norm = float(np.sqrt((a @ a) * (b @ b)))
     return float(a @ b) / norm if norm > 1e-9 else 0.0
+
+
+def rival_shift(a: np.ndarray, b: np.ndarray, mask: np.ndarray) -> float:
+    """By how much the correlation of two images' texture grows if one is shifted, 0 where it is best as it is.
+
+    On a wall, a door or a blind with a repeated pattern registration may settle one repetition off. Contrast
+    is made the same everywhere, or a door's frame would outweigh the grain of its wood.
+    """
+    scale = min(_RIVAL_WIDTH / a.shape[1], 1.0)
+    images = [cv2.resize(i, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA) for i in (a, b)]
+    mask = cv2.resize(mask.astype(np.uint8), images[0].shape[::-1], interpolation=cv2.INTER_NEAREST) > 0
+    weight, size = mask.astype(np.float32), _window(mask)
+    share = np.maximum(cv2.boxFilter(weight, -1, size), 1e-6)
+    a, b = (image * weight for image in _details(*images, mask))
+    a, b = (i / np.sqrt(cv2.boxFilter(i * i, -1, size) / share + _FAINT**2) for i in (a, b))
+    y, x = mask.shape[0] // 5, mask.shape[1] // 5
+
+    def shifted(moving: np.ndarray, still: np.ndarray) -> np.ndarray:
+        around = cv2.copyMakeBorder(moving, y, y, x, x, cv2.BORDER_CONSTANT, value=0.0)
+        return cv2.matchTemplate(around, still, cv2.TM_CCORR)  # (2 y + 1, 2 x + 1), no shift in the middle
+
+    power = shifted(b * b, weight) * shifted(weight, a * a)
+    enough = shifted(weight, weight) > 0.5 * weight.sum()
+    gain = np.where(enough & (power > 1e-9), shifted(b, a) / np.sqrt(np.maximum(power, 1e-9)), 0.0)
+    return max(float(gain.max() - gain[y - 1 : y + 2, x - 1 : x + 2].max()), 0.0)
+
+
+def _window(mask: np.ndarray) -> tuple[int, int]:
+    """Size of the neighbourhood [px] that tells what is local in an image: a tenth of its width."""
+    return (2 * (mask.shape[1] // 20) + 1,) * 2
+
+
+def _details(a: np.ndarray, b: np.ndarray, mask: np.ndarray) -> list[np.ndarray]:
+    """Two images without their local mean."""
+    weight = mask.astype(np.float32)
+    size = _window(mask)
+    share = np.maximum(cv2.boxFilter(weight, -1, size), 1e-6)
+    return [image - cv2.boxFilter(image * weight, -1, size) / share for image in (a, b)]
