@@ -211,7 +211,7 @@ def test_a_network_alone_on_a_folder_of_images(scene, tmp_path):
     wall = np.mean([(view(i)[2] == WALL).mean() for i in (0, 5)])
     assert frames == 2 and tree["pixel_acc"] == pytest.approx(wall) and tree["class_avg"] == 0.5
     assert tree["ece"] == pytest.approx(1 - wall) and tree["per_class"]["wall"]["iou"] == pytest.approx(wall)
-    with pytest.raises(InputError, match="without a common name"):
+    with pytest.raises(InputError, match="no labelled image; expected rgb/ and label/"):
         (tmp_path / "empty" / "label").mkdir(parents=True)
         list(labelled_frames(tmp_path / "empty"))
     assert len(list(labelled_frames(scene / "scene"))) == FRAMES

@@ -44,7 +44,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
 `defaults(argv)`: an Args that stands for the flags not given."""
 
 _PACKAGE_EXTRA = {
-    "torch": "dsnet", "mujoco": "sim", "mujoco_warp": "sim", "trimesh": "sim",
+    "torch": "dsnet", "h5py": "dsnet", "PIL": "dsnet", "mujoco": "sim", "mujoco_warp": "sim", "trimesh": "sim",
     "pyrender": "sim", "ray": "ray", "viser": "view", "open3d": "bench", "evo": "bench",
 }  # fmt: skip
 

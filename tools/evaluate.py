@@ -11,6 +11,8 @@ import numpy as np
 import tyro
 from tqdm import tqdm
 
+from dsmap.classes import CLASS_NAMES
+from dsmap.dsnet.datasets.registry import open_set
 from dsmap.errors import InputError
 from dsmap.files import atomic_path
 from dsmap.frame import Frame
@@ -19,12 +21,10 @@ from dsmap.fusion.evaluate_semantics import evaluate_network
 from dsmap.fusion.run_reader import Run, load_run
 from dsmap.fusion.segmenter import Segmenter
 from dsmap.sequences import open_sequence
-from dsmap.sequences.images import read_colour, read_ids
+from dsmap.sequences.tum import is_tum
 from dsmap.tools.parse import parse_intrinsics
 from dsmap.tools.score_tables import network_table, run_tables
 from dsmap.tools.segmenters import SegmenterSpec, make_segmenter
-
-_IMAGES = (".jpg", ".jpeg", ".png")
 
 
 @dataclass
@@ -34,7 +34,7 @@ class Args:
     reference: Path | None = None
     """The recording with ground truth; default: the recording that was mapped."""
     data: Path | None = None
-    """Score a network alone: a folder of rgb/ and label/ images with the same names, or a labelled recording."""
+    """Score a network alone: a labelled recording, or PATH or PATH@SPLIT of a data set as `dsmap train` takes them."""
     weights: str | None = None
     """Weights of the network; default: the run's, or those that come with dsmap."""
     max_frames: int = MAX_FRAMES
@@ -111,44 +111,29 @@ def score_network(data: Path, weights: str | None) -> dict[str, Any]:
 
 
 def labelled_frames(data: Path) -> Iterator[tuple[Frame, np.ndarray]]:
-    """Frames with labels: of an rgb/ + label/ folder (same stems), or of a recording.
+    """Frames with labels of a recording, or of any data set of the 13 classes (see `open_set`).
 
     Raises:
-        InputError: there are none, or an image does not fit its label.
+        InputError: there are none, they are of other classes, or an image does not fit its label.
     """
-    if (data / "label").is_dir() and not (data / "rgb.txt").exists():
-        yield from _image_folder(data)
-        return
-    sequence = open_sequence(data)
-    if not sequence.has_labels:
-        raise InputError(
-            f"{data}: this recording has no labels; expected label.txt, or folders rgb/ and label/"
-        )
-    for i in tqdm(sequence.labelled(), unit="image"):
-        frame = sequence.frame(i)
-        if frame.label is not None:
-            yield frame, frame.label
-
-
-def _image_folder(data: Path) -> Iterator[tuple[Frame, np.ndarray]]:
-    files = sorted((data / "rgb").glob("*")) if (data / "rgb").is_dir() else []
-    images = {path.stem: path for path in files if path.suffix.lower() in _IMAGES}
-    labels = {path.stem: path for path in sorted((data / "label").glob("*.png"))}
-    stems = sorted(images.keys() & labels.keys())
-    if not stems:
-        raise InputError(
-            f"{data}: found {len(images)} images in rgb/ and {len(labels)} in label/ without a common name, "
-            "expected rgb/NAME.jpg (or .png) beside label/NAME.png"
-        )
-    for index, stem in enumerate(tqdm(stems, unit="image")):
-        rgb, label = read_colour(images[stem]), read_ids(labels[stem])
-        if rgb.shape[:2] != label.shape:
+    if is_tum(data):
+        sequence = open_sequence(data)
+        if not sequence.has_labels:
             raise InputError(
-                f"{labels[stem]}: found {label.shape[1]}x{label.shape[0]}, expected {rgb.shape[1]}x{rgb.shape[0]} "
-                "as its image has"
+                f"{data}: this recording has no labels; expected label.txt, or folders rgb/ and label/"
             )
-        depth = np.zeros(label.shape, dtype=np.float32)
-        yield Frame(index, float(index), rgb, depth), label
+        for i in tqdm(sequence.labelled(), unit="image"):
+            frame = sequence.frame(i)
+            if frame.label is not None:
+                yield frame, frame.label
+        return
+    images = open_set(data)
+    if images.class_names != CLASS_NAMES:
+        raise InputError(f"{data}: classes are {', '.join(images.class_names)}, expected the 13 of NYUv2")
+    for index, item in enumerate(tqdm(images.items, unit="image")):
+        example = item.read()
+        depth = np.zeros(example.label.shape, np.float32) if example.depth is None else example.depth
+        yield Frame(index, float(index), example.rgb, depth), example.label
 
 
 def finite(tree: Any) -> Any:
