@@ -17,16 +17,23 @@ class LabelledImages:
     Every file is read on construction, so that damaged data shows before training begins.
     """
 
-    def __init__(self, data: LabelledSet, *, cache_bytes: int = CACHE_BYTES, progress: bool = True):
+    def __init__(
+        self,
+        data: LabelledSet,
+        *,
+        with_depth: bool = False,
+        cache_bytes: int = CACHE_BYTES,
+        progress: bool = True,
+    ):
         self.items: Sequence[Item] = data.items
         self.class_names = data.class_names
-        self.has_depth = data.has_depth
+        self.with_depth = with_depth and data.has_depth
         self._cache: list[Example] = []
         classes = len(data.class_names)
         pixels, images = np.zeros(classes), np.zeros(classes)
         cached = 0
         for item in tqdm(self.items, desc="reading images", disable=not progress, leave=False):
-            example = item.read()
+            example = item.read(self.with_depth)
             counts = np.bincount(example.label.ravel(), minlength=classes)
             pixels += counts
             images += (counts > 0) * example.label.size
@@ -45,7 +52,7 @@ class LabelledImages:
     def __getitem__(self, index: int) -> Example:
         if index < len(self._cache):
             return self._cache[index]
-        return self.items[index].read()
+        return self.items[index].read(self.with_depth)
 
 
 def class_weights(data: LabelledImages, balance: str) -> np.ndarray:

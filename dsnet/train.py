@@ -120,7 +120,10 @@ def read_data(
         raise InputError(
             f"{', '.join(map(str, [*data, val]))}: no depth in part of it, expected depth for RGB-D"
         )
-    return LabelledImages(parts[0], progress=progress), LabelledImages(parts[1], progress=progress)
+    images, held_back = (
+        LabelledImages(part, with_depth=net.channels == 4, progress=progress) for part in parts
+    )
+    return images, held_back
 
 
 def learning_rate(step: int, config: TrainConfig) -> float:

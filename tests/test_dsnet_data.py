@@ -1,5 +1,7 @@
 """Labelled images: what is found, what is refused, and that augmentation keeps image and label together."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -48,12 +50,18 @@ def test_folder_of_images_and_labels(tmp_path):
     assert len(data) == 2
     example = data[1]
     assert example.rgb.shape == (24, 32, 3) and (example.rgb == 10).all() and (example.label == 2).all()
-    assert example.depth is None and not data.has_depth
+    assert example.depth is None and not data.with_depth
 
 
 def test_frames_of_a_recording_without_labels_are_left_out(tmp_path):
     data = LabelledImages(open_set(recording(tmp_path / "seq")), progress=False)
     assert [int(data[i].label.max()) for i in range(len(data))] == [1, 3]
+
+
+def test_depth_is_read_if_wanted(tmp_path):
+    data = open_set(recording(tmp_path / "seq"))
+    assert LabelledImages(data, progress=False)[0].depth is None
+    assert (LabelledImages(data, with_depth=True, progress=False)[0].depth == 1).all()
 
 
 def test_folder_of_folders_in_a_fixed_order(tmp_path):
@@ -146,6 +154,20 @@ def test_augmentation_keeps_image_and_label_aligned(seed):
     wrong = unmixed & (labels != quads[0].round())
     assert wrong.sum() <= 0.002 * unmixed.sum()  # a blurred edge may pass another grey level
     assert len(np.unique(labels)) > 3
+
+
+def test_depth_is_cropped_with_the_image_and_comes_nearer_by_the_zoom():
+    rng = np.random.default_rng(0)
+    columns = np.broadcast_to(np.arange(1, 65, dtype=np.float32), (48, 64))  # depth = column + 1
+    rgb = np.repeat(columns[..., None].astype(np.uint8) * 3, 3, axis=2)
+    example = Example(rgb, np.ones((48, 64), np.uint8), columns)
+    config = replace(NOTHING, scale=(2.0, 2.0), flip=1.0)
+    view = augment(example, (64, 48), config, rng)
+    assert view.depth.shape == (48, 64) and view.label.shape == (24, 32)
+    shown = view.rgb[..., 0].astype(float) / 3  # the column that colour says
+    assert np.abs(2 * view.depth - shown).max() <= 1.1 and np.ptp(shown) > 25
+    outside = augment(example, (64, 48), replace(NOTHING, scale=(0.5, 0.5)), rng)
+    assert (outside.depth == 0).mean() > 0.7 and outside.depth.max() > 100
 
 
 def test_zoom_stays_inside_and_flip_mirrors():

@@ -1,6 +1,7 @@
 """Training: it learns, a killed run goes on as if nothing had happened, and its outputs are usable."""
 
 import dataclasses
+import hashlib
 import json
 import shutil
 
@@ -21,7 +22,8 @@ from dsmap.dsnet.measure import fit_temperature, score  # noqa: E402
 from dsmap.dsnet.model import DSNet  # noqa: E402
 from dsmap.dsnet.predict import SHIPPED_WEIGHTS, DSNetSegmenter, load_segmenter  # noqa: E402
 from dsmap.errors import InputError  # noqa: E402
-from dsmap.frame import Frame  # noqa: E402
+from dsmap.frame import Frame, Intrinsics  # noqa: E402
+from dsmap.sequences import SequenceWriter  # noqa: E402
 from dsmap.tools import cli  # noqa: E402
 
 TINY = DSNetConfig(layers=2, growth=4, widths=(8, 8, 8, 8), stem_convs=1, dropout=0.1)
@@ -124,6 +126,69 @@ def test_fine_tuning_starts_from_the_given_weights(images, tmp_path):
     assert torch.equal(state.model.stem[0][0].weight, given.stem[0][0].weight)
     with pytest.raises(InputError, match="network is"):
         training.new_state(DSNetConfig(), short, best, "cpu")
+
+
+def weights_hash(path):
+    """Of the tensors alone: the notes of a weights file hold the seconds it took."""
+    model, _ = load_weights(path)
+    digest = hashlib.sha256()
+    for name, tensor in sorted(model.state_dict().items()):
+        digest.update(name.encode() + tensor.numpy().tobytes())
+    return digest.hexdigest()
+
+
+def test_the_same_command_gives_the_same_weights(images, tmp_path):
+    """Whatever the number of processes that prepare images; another seed gives others."""
+    short = dataclasses.replace(CONFIG, steps=3, validate_every=3)
+    hashes = []
+    for name, config, workers in (
+        ("a", short, 0),
+        ("b", short, 1),
+        ("c", dataclasses.replace(short, seed=1), 0),
+    ):
+        out = tmp_path / name
+        training.train([images], images, out, TINY, MILD, config, workers=workers, progress=False)
+        hashes.append(weights_hash(out / "best.safetensors"))
+    assert hashes[0] == hashes[1] != hashes[2]
+
+
+def test_training_with_depth(tmp_path, images):
+    """Grey images whose class only depth tells: an RGB-D network learns it; without depth it is refused."""
+    rng, camera = np.random.default_rng(0), Intrinsics(64, 64, 60.0, 60.0, 31.5, 31.5)
+    with SequenceWriter(tmp_path / "seq", camera, depth_scale=5000.0) as writer:
+        for k in range(8):
+            label = np.full((64, 64), 12, np.uint8)
+            x = int(rng.integers(4, 28))
+            label[:, x : x + 30] = 4
+            rgb = rng.integers(110, 140, (64, 64, 3), dtype=np.uint8)
+            writer.write(k / 30, rgb, np.where(label == 4, 1.0, 3.0), label=label)
+    net = dataclasses.replace(TINY, channels=4, dropout=0.0)
+    config = dataclasses.replace(CONFIG, steps=60, validate_every=60, ema=0.8)
+    sequence = tmp_path / "seq"
+    best = training.train(
+        [sequence], sequence, tmp_path / "run", net, MILD, config, workers=0, progress=False
+    )
+    assert best["class_avg"] > 0.85
+    with pytest.raises(InputError, match="expected depth for RGB-D"):
+        training.train([images], images, tmp_path / "no", net, MILD, config, workers=0, progress=False)
+
+
+def test_pre_training_on_voc_and_fine_tuning(images, tmp_path):
+    """The recipe voc-nyu in miniature: 21 classes first, then the 13 with a new last layer."""
+    voc = tmp_path / "voc"
+    for name in ("JPEGImages", "SegmentationClass"):
+        (voc / name).mkdir(parents=True)
+    for k in range(2):
+        cv2.imwrite(str(voc / "JPEGImages" / f"{k}.jpg"), np.full((64, 64, 3), 90 * k, np.uint8))
+        cv2.imwrite(str(voc / "SegmentationClass" / f"{k}.png"), np.full((64, 64), 20 * k, np.uint8))
+    short = dataclasses.replace(CONFIG, steps=2, validate_every=2, init_lr=0.125)
+    first = training.train([voc], voc, tmp_path / "pre", TINY, MILD, short, workers=0, progress=False)
+    assert set(first["per_class"]) == {"background", "tv monitor"}
+    run(images, tmp_path / "fine", short, init=tmp_path / "pre" / "best.safetensors")
+    _, info = load_weights(tmp_path / "fine" / "best.safetensors")
+    assert info.config.classes == 14
+    with pytest.raises(InputError, match="expected the same classes"):
+        training.train([voc], images, tmp_path / "mixed", TINY, MILD, short, workers=0, progress=False)
 
 
 def test_learning_rate_warms_up_and_decays():

@@ -39,8 +39,8 @@ class Item(Protocol):
         """Names the image in messages and lists."""
         ...
 
-    def read(self) -> Example:
-        """Read and check it.
+    def read(self, with_depth: bool = True) -> Example:
+        """Read and check it; depth only if there is any and it is wanted.
 
         Raises:
             InputError: missing or damaged files, sizes that differ, ids of no class.
@@ -78,7 +78,7 @@ class FileItem:
     def name(self) -> str:
         return str(self.label)
 
-    def read(self) -> Example:
+    def read(self, with_depth: bool = True) -> Example:
         rgb, stored = read_colour(self.rgb), read_indices(self.label)
         if stored.shape != rgb.shape[:2]:
             if self.same_size:
@@ -89,7 +89,7 @@ class FileItem:
             rgb = resize_colour(rgb, stored.shape[1], stored.shape[0])
         label = to_classes(stored, self.table, self.num_classes, str(self.label))
         depth = None
-        if self.depth is not None:
+        if with_depth and self.depth is not None:
             depth = resize_nearest(read_depth(self.depth, self.depth_scale), label.shape[1], label.shape[0])
         return Example(rgb, label, depth)
 

@@ -75,18 +75,18 @@ class MatItem:
     def name(self) -> str:
         return f"{self.file}:{self.index + 1}"
 
-    def read(self) -> Example:
+    def read(self, with_depth: bool = True) -> Example:
         content = open_hdf5(self.file)
         try:
             rgb = content["images"][self.index].transpose(2, 1, 0)  # MATLAB's order, reversed: (3, W, H)
-            depth = content["depths"][self.index].T
+            depth = clean_depth(content["depths"][self.index].T) if with_depth else None
             label = content["labels"][self.index].T
         except (OSError, ValueError, IndexError) as error:
             raise InputError(f"{self.name}: damaged ({error}), expected the whole of {MAT_NAME}") from error
         if self.labels40 is not None:
             label = _labels40(self.labels40, os.getpid())[..., self.index]
         classes = to_classes(label, self.table, len(CLASS_NAMES), self.name)
-        return Example(np.ascontiguousarray(rgb), np.ascontiguousarray(classes), clean_depth(depth))
+        return Example(np.ascontiguousarray(rgb), np.ascontiguousarray(classes), depth)
 
 
 def _checked(content: Any, file: Path) -> int:
