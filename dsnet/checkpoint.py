@@ -122,7 +122,7 @@ def record_of(config: NetConfig) -> dict:
 def config_from(record: dict) -> NetConfig:
     """A network's configuration from its JSON form."""
     values = {key: tuple(value) if isinstance(value, list) else value for key, value in record.items()}
-    kind = values.pop("kind", "dsnet")
+    kind = str(values.pop("kind", "dsnet"))
     if kind == "dsnet" and "widths" not in values:
         raise KeyError("widths")
     return _KINDS[kind](**values)

@@ -1,5 +1,6 @@
 """Folders of images and labels, recordings in the TUM layout (rendered sets), and folders of either."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from dsmap.classes import CLASS_NAMES
@@ -42,9 +43,9 @@ def load_folders(path: Path, split: str | None) -> LabelledSet:
             "rgb.txt and label.txt, sub-folders of these kinds, or one of the data sets that "
             "docs/data_sets.md lists"
         )
-    if split is not None:
-        items = _split(path, items, split)
-    return LabelledSet(list(items), CLASS_NAMES, all(item.depth is not None for item in items))
+    has_depth = all(item.depth is not None for item in items)
+    chosen: Sequence[Item] = items if split is None else _split(path, items, split)
+    return LabelledSet(list(chosen), CLASS_NAMES, has_depth)
 
 
 def _items_of(folder: Path) -> list[FileItem] | None:
@@ -71,7 +72,7 @@ def _recording(folder: Path) -> list[FileItem]:
     return [FileItem(entry.rgb, entry.label, entry.depth, scale) for entry in entries if entry.label]
 
 
-def _split(path: Path, items: list[FileItem], split: str) -> list[Item]:
+def _split(path: Path, items: list[FileItem], split: str) -> list[FileItem]:
     if not all(item.label.stem.isdigit() for item in items):
         raise InputError(f"{path}: no sub-folder {split!r}, expected one, or images named by NYUv2's numbers")
     if split not in ("train", "val"):
