@@ -7,6 +7,7 @@ import numpy as np
 
 from dsmap.errors import InputError
 from dsmap.sim_scenes import blueprint, flats, lighting, rooms_home, rooms_work, shell
+from dsmap.sim_scenes.check import check_scene
 from dsmap.sim_scenes.furnish import Furnisher
 from dsmap.sim_scenes.layout import Layout
 from dsmap.sim_scenes.looks import Looks
@@ -40,6 +41,8 @@ SCENES = (*KINDS, "flat")
 """Names that `build_scene` takes."""
 
 
+ATTEMPTS = 6
+"""Draws of a scene until one is sound."""
 MIX: dict[str, float] = {
     "living_room": 0.3, "bedroom": 0.32, "office": 0.07, "kitchen": 0.13, "bathroom": 0.09, "corridor": 0.05,
     "flat": 0.04,
@@ -50,12 +53,24 @@ MIX: dict[str, float] = {
 def build_scene(name: str, seed: int) -> Scene:
     """A furnished room or flat; everything in it follows from its name and seed.
 
+    A draw in which something overlaps or bars a way (about one in a hundred) is drawn again.
+
     Raises:
         InputError: there is no room of that name.
     """
     if name not in SCENES:
         raise InputError(f"unknown scene {name!r}; expected one of: {', '.join(SCENES)}")
-    rng = np.random.default_rng([seed, SCENES.index(name)])
+    # The first draw's generator is the seed's own; the others have the attempt's number in their key.
+    scene = _draw(name, seed, [seed, SCENES.index(name)])
+    for attempt in range(1, ATTEMPTS):
+        if not check_scene(scene):
+            break
+        scene = _draw(name, seed, [seed, SCENES.index(name), attempt])
+    return scene
+
+
+def _draw(name: str, seed: int, key: list[int]) -> Scene:
+    rng = np.random.default_rng(key)
     looks = Looks(rng)
     height = rng.uniform(2.45, 2.75)
     if name == "flat":
