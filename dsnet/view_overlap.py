@@ -91,25 +91,30 @@ def choose_blocks(
         total, blocks: about how many images, in how many blocks.
 
     Returns:
-        (first, end) of each block, in order: the best of `trials` random choices by the largest ratio
-        between a class's share in the blocks and in the set.
+        (first, end) of each block, in order, by the largest ratio between a class's share in the blocks and
+        in the set: the best of `trials` choices, the first half random, then the best so far with one block
+        drawn anew. Empty if no choice fits.
     """
     rng = np.random.default_rng(seed)
     cut = np.flatnonzero(free)
     summed = np.vstack([np.zeros(class_pixels.shape[1]), class_pixels.cumsum(axis=0)])
     share = np.maximum(summed[-1] / summed[-1].sum(), 1e-9)
-    best, chosen = np.inf, []
-    for _ in range(trials):
-        starts = np.sort(rng.choice(len(cut) - 1, blocks, replace=False))
-        ends = np.searchsorted(cut, cut[starts] + total / blocks * rng.uniform(0.5, 1.2, blocks))
-        ends = np.minimum(ends, len(cut) - 1)
-        lengths = cut[ends] - cut[starts]
+    best, chosen = np.inf, np.zeros((0, 2), np.int64)
+    for trial in range(trials):
+        drawn = rng.choice(len(cut) - 1, blocks, replace=False)
+        ends = np.searchsorted(cut, cut[drawn] + total / blocks * rng.uniform(0.5, 1.2, blocks))
+        pairs = np.stack([drawn, np.minimum(ends, len(cut) - 1)], axis=1)
+        if trial > trials // 2 and len(chosen):
+            one = rng.integers(blocks)
+            pairs = np.where(np.arange(blocks)[:, None] == one, pairs, chosen)
+        pairs = pairs[np.argsort(pairs[:, 0])]
+        first, end = cut[pairs].T
         # Blocks apart from each other (two in a row would be one), none of them most of the set.
-        apart = (starts[1:] > ends[:-1]).all() and lengths.max() <= 2.5 * total / blocks
-        if not apart or abs(lengths.sum() - total) > 2:
+        apart = (pairs[1:, 0] > pairs[:-1, 1]).all() and (end - first).max() <= 2.5 * total / blocks
+        if not apart or abs((end - first).sum() - total) > 2:
             continue
-        pixels = (summed[cut[ends]] - summed[cut[starts]]).sum(axis=0)
+        pixels = (summed[end] - summed[first]).sum(axis=0)
         ratio = np.abs(np.log(np.maximum(pixels / pixels.sum(), 1e-9) / share)).max()
         if ratio < best:
-            best, chosen = ratio, [(int(cut[s]), int(cut[e])) for s, e in zip(starts, ends, strict=True)]
-    return chosen
+            best, chosen = ratio, pairs
+    return [(int(cut[a]), int(cut[b])) for a, b in chosen]
