@@ -44,7 +44,7 @@ SCENES = (*KINDS, "flat")
 ATTEMPTS = 6
 """Draws of a scene until one is sound."""
 MIX: dict[str, float] = {
-    "living_room": 0.3, "bedroom": 0.32, "office": 0.07, "kitchen": 0.13, "bathroom": 0.09, "corridor": 0.05,
+    "living_room": 0.36, "bedroom": 0.25, "office": 0.05, "kitchen": 0.16, "bathroom": 0.09, "corridor": 0.05,
     "flat": 0.04,
 }  # fmt: skip
 """Shares of the kinds of rooms in a training set."""

@@ -113,7 +113,8 @@ def test_kinect_noise_changes_depth_only(recording: Path, tmp_path: Path) -> Non
     assert every_byte(tmp_path / "clean") == every_byte(recording)
     before, after = every_byte(recording), every_byte(noisy)
     changed = {name for name in before if before[name] != after[name]}
-    assert changed == {name for name in before if name.startswith("depth/")} | {"scene.json"}
+    depths = {name for name in before if name.startswith("depth/")}
+    assert changed == depths | {"scene.json", "calibration.yaml"}  # a sensor has its own range
 
 
 def test_one_compiled_kernel_serves_all_scenes() -> None:
