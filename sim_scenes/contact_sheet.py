@@ -40,8 +40,8 @@ def contact_sheet(
     if columns < 1 or rows < 1:
         raise InputError(f"the sheet is {columns}x{rows}; expected at least 1x1")
     path = Path(path)
-    if path.suffix.lower() != ".png":
-        raise InputError(f"{path}: the suffix is {path.suffix!r}; expected .png")
+    if path.suffix.lower() not in (".png", ".jpg"):
+        raise InputError(f"{path}: the suffix is {path.suffix!r}; expected .png or .jpg")
     base = replace(base, path="views", frames=_VIEWS, jobs=1)
     options = [task.options for task in plan(Path(), base, columns * rows)]
     cells = []

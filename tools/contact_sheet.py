@@ -15,7 +15,7 @@ class Args:
     """Options of `dsmap contact-sheet`."""
 
     out: tyro.conf.Positional[Path]
-    """The picture (.png)."""
+    """The picture (.png or .jpg)."""
     scene: str = "mix"
     """Kind of room, or `mix`: the kinds of a training set."""
     columns: int = 5
