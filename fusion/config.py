@@ -153,7 +153,7 @@ class RelocaliseConfig:
     """Registrations at full size, each against the model predicted anew."""
     small_inlier_fraction: float = 0.25
     """The small views register if this share of the pixels finds a partner."""
-    min_inlier_fraction: float = 0.4
+    min_inlier_fraction: float = 0.2
     """Share of the frame's pixels with depth that must match the model."""
     max_rms: float = 0.015
     """Largest RMS of point-to-plane residuals [m]."""
@@ -163,14 +163,16 @@ class RelocaliseConfig:
     """Whole image: depths that differ by less than this [m]..."""
     slack_z2: float = 0.01
     """... plus this times depth squared [1/m] agree."""
-    min_overlap: float = 0.4
+    min_overlap: float = 0.25
     """Share of the frame's depth image that the model covers."""
     min_same: float = 0.8
     """Share of that in which the depths agree."""
     max_seen_through: float = 0.1
     """Share of that in which the frame looks through a surface of the model."""
-    min_ncc: float = 0.7
+    min_ncc: float = 0.55
     """Correlation of the intensities, local mean taken off."""
+    min_texture: float = 0.55
+    """The same with contrast made alike everywhere: the grain of a door, not only its frame, has to fit."""
     max_rival: float = 0.01
     """What another shift of the image may add to that: more, and the true place is a repetition further."""
 

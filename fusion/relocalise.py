@@ -27,6 +27,10 @@ _SMALL_LEVELS = 2
 """Pyramid levels of a small view: 80x60 and 40x30."""
 _RIVAL_WIDTH = 160
 """Shifts are tried on images this wide [px]."""
+_FARTHEST = 0.4
+"""Largest shift, as a share of the image's size."""
+_LEAST_SHARED = 0.4
+"""Shifts that leave less than this share of the common pixels are not considered."""
 _FAINT = 0.01
 """Texture weaker than this (intensity in [0, 1]) is noise."""
 _GUESS = -1
@@ -47,8 +51,10 @@ class Agreement:
     """Of these, the share where the frame looks through the model's surface: that surface cannot be there."""
     ncc: float
     """Normalised cross-correlation of the intensities where depths agree, -1..1; brightness and contrast cancel."""
+    texture: float
+    """The same with contrast made alike everywhere: grain counts as much as outlines."""
     rival: float
-    """What the correlation gains if the image is shifted by up to a fifth of its size: true poses gain nothing."""
+    """What `texture` gains if the image is shifted by up to two fifths of its size: true poses gain nothing."""
 
 
 @dataclass
@@ -190,12 +196,14 @@ def agreement(frame: FrameMaps, vertex: wp.array, intensity: wp.array, config: R
     same = both & ~through & (z > nearest - slack)
     total = max(np.count_nonzero(both), 1)
     light, model_light = (image.numpy()[::skip, ::skip] for image in (frame.intensity, intensity))
+    texture, rival = texture_match(light, model_light, same)
     return Agreement(
         overlap=float(np.count_nonzero(both) / max(np.count_nonzero(z > 0), 1)),
         same=float(np.count_nonzero(same) / total),
         seen_through=float(np.count_nonzero(through) / total),
         ncc=correlation(light, model_light, same),
-        rival=rival_shift(light, model_light, same),
+        texture=texture,
+        rival=rival,
     )
 
 
@@ -209,6 +217,7 @@ def disagreement(found: Agreement, config: RelocaliseConfig) -> str:
         ),
         (found.same < config.min_same, f"only {found.same:.0%} of the depths agree with the model"),
         (found.ncc < config.min_ncc, f"the colours do not correlate ({found.ncc:.2f})"),
+        (found.texture < config.min_texture, f"the texture does not correlate ({found.texture:.2f})"),
         (found.rival > config.max_rival, f"shifted, the colours correlate better (by {found.rival:.2f})"),
     ]
     return next((text for bad, text in reasons if bad), "")
@@ -224,8 +233,8 @@ def correlation(a: np.ndarray, b: np.ndarray, mask: np.ndarray) -> float:
     return float(a @ b) / norm if norm > 1e-9 else 0.0
 
 
-def rival_shift(a: np.ndarray, b: np.ndarray, mask: np.ndarray) -> float:
-    """By how much the correlation of two images' texture grows if one is shifted, 0 where it is best as it is.
+def texture_match(a: np.ndarray, b: np.ndarray, mask: np.ndarray) -> tuple[float, float]:
+    """Correlation of two images' texture as they are, and how much it grows at most if one is shifted.
 
     On a wall, a door or a blind with a repeated pattern registration may settle one repetition off. Contrast
     is made the same everywhere, or a door's frame would outweigh the grain of its wood.
@@ -237,16 +246,17 @@ def rival_shift(a: np.ndarray, b: np.ndarray, mask: np.ndarray) -> float:
     share = np.maximum(cv2.boxFilter(weight, -1, size), 1e-6)
     a, b = (image * weight for image in _details(*images, mask))
     a, b = (i / np.sqrt(cv2.boxFilter(i * i, -1, size) / share + _FAINT**2) for i in (a, b))
-    y, x = mask.shape[0] // 5, mask.shape[1] // 5
+    y, x = (int(_FARTHEST * n) for n in mask.shape)
 
     def shifted(moving: np.ndarray, still: np.ndarray) -> np.ndarray:
         around = cv2.copyMakeBorder(moving, y, y, x, x, cv2.BORDER_CONSTANT, value=0.0)
-        return cv2.matchTemplate(around, still, cv2.TM_CCORR)  # (2 y + 1, 2 x + 1), no shift in the middle
+        return cv2.matchTemplate(around, still, cv2.TM_CCORR)  # the middle is no shift
 
     power = shifted(b * b, weight) * shifted(weight, a * a)
-    enough = shifted(weight, weight) > 0.5 * weight.sum()
+    enough = shifted(weight, weight) > _LEAST_SHARED * weight.sum()
     gain = np.where(enough & (power > 1e-9), shifted(b, a) / np.sqrt(np.maximum(power, 1e-9)), 0.0)
-    return max(float(gain.max() - gain[y - 1 : y + 2, x - 1 : x + 2].max()), 0.0)
+    here = float(gain[y - 1 : y + 2, x - 1 : x + 2].max())
+    return here, max(float(gain.max()) - here, 0.0)
 
 
 def _window(mask: np.ndarray) -> tuple[int, int]:
