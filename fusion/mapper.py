@@ -200,14 +200,23 @@ class Mapper:
             result.reason = "not found in the map yet"
             self._relocalise(maps, result)
         else:
-            T_prev_cur, result.health = self.tracker.track(maps, self.view)
-            T, t_min = orthonormal(self.view.T_world_camera @ T_prev_cur), self.view_t_active
-            result.reason = self.check.objection(maps, T, result.health, self.trajectory, t_min)
-            result.tracked = not result.reason
-            if result.tracked:
-                self.T_world_camera = T
-            elif self.closer:
-                self._relocalise(maps, result)
+            self._track(maps, self.view, result)
+
+    def _track(self, maps: list[FrameMaps], view: ModelView, result: StepResult) -> None:
+        """Track from the last pose; after a gap the map is searched first, which looks closer and further."""
+        gap = bool(self.trajectory) and not self.trajectory[-1].tracked
+        if gap and self.closer:
+            self._relocalise(maps, result)
+        if result.tracked:
+            return
+        T_prev_cur, result.health = self.tracker.track(maps, view)
+        T = orthonormal(view.T_world_camera @ T_prev_cur)
+        result.reason = self.check.objection(maps, T, result.health, self.trajectory, self.view_t_active)
+        result.tracked = not result.reason
+        if result.tracked:
+            self.T_world_camera = T
+        elif self.closer and not gap:
+            self._relocalise(maps, result)
 
     def _relocalise(self, maps: list[FrameMaps], result: StepResult) -> None:
         assert self.closer is not None

@@ -12,7 +12,7 @@ from dsmap.fusion.ferns import FernDatabase, small_size, small_view
 from dsmap.fusion.lie import exp_se3, inverse, rotation_angle
 from dsmap.fusion.mapper import LEVELS, Mapper
 from dsmap.fusion.pose_check import PoseCheck
-from dsmap.fusion.relocalise import Relocaliser, agreement, disagreement
+from dsmap.fusion.relocalise import Relocaliser, agreement, correlation, disagreement, texture_match
 from dsmap.fusion.tracker import Health, ModelView
 from dsmap.fusion.trajectory import TrajectoryPoint, extrapolated
 from dsmap.kernels.predict import predict_model
@@ -68,7 +68,7 @@ def test_a_look_alike_is_refused(mapped):
     truth = exp_se3(np.array([0.05, 0.02, 0.0, 0.0, -0.04, 0.0]))
     rgb, depth = room(truth)
     assert locate(mapped, rgb, depth) is not None
-    assert locate(mapped, np.ascontiguousarray(rgb[::-1]), depth) is None
+    assert locate(mapped, 255 - rgb, depth) is None
     v, u = np.mgrid[:72, :96]
     ball = np.hypot(u - 52, v - 40) < 17
     gone = np.where(ball, depth.max(), depth)
@@ -155,3 +155,22 @@ def test_only_poses_that_surprise_are_looked_at_twice(mapped):
     wrong = truth @ exp_se3(np.array([0.15, 0, 0.1, 0, 0, 0]))
     assert check.objection(maps, wrong, good, lost, t_min=0) != ""
     assert check.objection(maps, wrong, replace(good, tracked=False, reason="no"), lost, t_min=0) == "no"
+
+
+def test_a_repeated_pattern_one_repetition_off_is_noticed():
+    """A door: outlines that allow any shift upwards, and faint grain that allows only one."""
+    rng = np.random.default_rng(0)
+    grain = np.repeat(rng.normal(0, 0.02, (240, 1)), 320, axis=1).astype(np.float32)
+    frame = np.full((240, 320), 0.4, np.float32)
+    frame[:, 100:120] = 0.9
+    frame[:, 200:215] = 0.7
+    mask = np.ones(frame.shape, bool)
+    off = np.roll(grain, 40, axis=0)
+    assert correlation(frame + grain, frame + off, mask) > 0.7, "the outlines drown the grain"
+    right, wrong = (
+        texture_match(frame + grain, frame + grain, mask),
+        texture_match(frame + grain, frame + off, mask),
+    )
+    assert right[0] > 0.99 and right[1] == 0
+    assert wrong[0] < 0.55 and wrong[1] > 0.1
+    assert texture_match(frame * 0 + 0.5, frame * 0 + 0.5, mask)[1] == 0, "a blank wall has no rival"
