@@ -157,4 +157,4 @@ def test_revisits_of_rendered_rooms_are_found_and_other_rooms_are_not():
                     error = inverse(T) @ answer.T_world_camera
                     assert np.linalg.norm(error[:3, 3]) < 0.05 and np.rad2deg(rotation_angle(error)) < 3
     print({metres: f"{sum(hits)} of {len(hits)}" for metres, hits in found.items()})
-    assert np.mean(found[0.10]) >= 0.9 and np.mean(found[0.25]) >= 0.7
+    assert np.mean(found[0.10]) >= 0.8 and np.mean(found[0.25]) >= 0.7
