@@ -54,6 +54,7 @@ def _kill_first_worker(out: Path, killed: list[int], stop: threading.Event) -> N
             return
 
 
+@pytest.mark.slow
 def test_a_killed_worker_costs_nothing_but_its_own_scene(tmp_path: Path) -> None:
     # One kind of room, so that the two data sets take seconds; single worker, so that the victim is at work.
     base = RenderOptions(scene="bedroom", seed=40, frames=3, width=64, height=48, path="views")
