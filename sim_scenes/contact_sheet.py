@@ -1,9 +1,7 @@
 """A contact sheet: one view of each of many scenes, colour and classes side by side, with a legend."""
 
 from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
-from multiprocessing import get_context
 from pathlib import Path
 
 import cv2
@@ -12,7 +10,7 @@ import numpy as np
 from dsmap.classes import CLASS_NAMES, NUM_CLASSES, PALETTE, colourise
 from dsmap.errors import InputError
 from dsmap.files import atomic_path
-from dsmap.sim_scenes.dataset import plan
+from dsmap.sim_scenes.dataset import plan, worker_pool
 from dsmap.sim_scenes.open_scene import open_scene
 from dsmap.sim_scenes.record import RenderOptions, iter_frames
 
@@ -45,7 +43,7 @@ def contact_sheet(
     base = replace(base, path="views", frames=_VIEWS, jobs=1)
     options = [task.options for task in plan(Path(), base, columns * rows)]
     cells = []
-    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
+    with worker_pool(jobs) as pool:
         for cell in pool.map(best_view, options):
             cells.append(cell)
             done()

@@ -128,8 +128,7 @@ def run_local(tasks: list[Task], jobs: int, done: Callable[[Path], None]) -> Non
     """
     waiting = list(tasks)
     for _ in range(_TRIES):
-        # Warp and OpenGL do not survive a fork: each worker starts afresh.
-        with ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), initializer=_one_thread) as pool:
+        with worker_pool(jobs) as pool:
             futures = {pool.submit(render_task, task): task for task in waiting}
             try:
                 for future in as_completed(futures):
@@ -144,6 +143,11 @@ def run_local(tasks: list[Task], jobs: int, done: Callable[[Path], None]) -> Non
     raise InputError(
         f"{waiting[0].folder}: its worker process died {_TRIES} times; is there memory for this many jobs?"
     )
+
+
+def worker_pool(jobs: int) -> ProcessPoolExecutor:
+    """Processes that render, one thread each. Warp and OpenGL do not survive a fork: each worker starts afresh."""
+    return ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), initializer=_one_thread)
 
 
 def _one_thread() -> None:
