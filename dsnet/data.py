@@ -27,6 +27,8 @@ class LabelledImages:
     ):
         self.items: Sequence[Item] = data.items
         self.class_names = data.class_names
+        self.sizes = data.sizes or (len(data.items),)
+        """Images of each of the data sets that were put together, in their order."""
         self.with_depth = with_depth and data.has_depth
         self._cache: list[Example] = []
         classes = len(data.class_names)

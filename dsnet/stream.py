@@ -6,10 +6,13 @@ from torch.utils.data import Dataset
 from dsmap.dsnet.augment import augment
 from dsmap.dsnet.config import AugmentConfig, TrainConfig
 from dsmap.dsnet.data import LabelledImages
+from dsmap.errors import InputError
 
 
 class AugmentedStream(Dataset):
     """Sample k of the whole training, k = 0 .. steps * batch - 1: the data shuffled anew every epoch.
+
+    With `config.shares` each sample's data set is drawn first, then one of its images.
 
     A sample is (rgb, label) or, `with_depth`, (rgb, label, depth), as `augment` gives them.
     """
@@ -23,15 +26,28 @@ class AugmentedStream(Dataset):
     ):
         self.images, self.augmentation, self.config = images, augmentation, config
         self.with_depth = with_depth
+        if config.shares and len(config.shares) != len(images.sizes):
+            raise InputError(
+                f"training: {len(config.shares)} shares, expected one for each of {len(images.sizes)} data sets"
+            )
 
     def __len__(self) -> int:
         return self.config.steps * self.config.batch
 
     def __getitem__(self, k: int) -> tuple[np.ndarray, ...]:
-        epoch, position = divmod(k, len(self.images))
-        order = np.random.default_rng((self.config.seed, 0, epoch)).permutation(len(self.images))
         rng = np.random.default_rng((self.config.seed, 1, k))
-        view = augment(self.images[int(order[position])], self.config.size, self.augmentation, rng)
+        view = augment(self.images[self._image_of(k)], self.config.size, self.augmentation, rng)
         if self.with_depth and view.depth is not None:
             return view.rgb, view.label, view.depth
         return view.rgb, view.label
+
+    def _image_of(self, k: int) -> int:
+        """The number of sample k's image among all data sets' images."""
+        if self.config.shares:
+            rng = np.random.default_rng((self.config.seed, 2, k))
+            shares = np.array(self.config.shares) / sum(self.config.shares)
+            chosen = int(rng.choice(len(shares), p=shares))
+            return sum(self.images.sizes[:chosen]) + int(rng.integers(self.images.sizes[chosen]))
+        epoch, position = divmod(k, len(self.images))
+        order = np.random.default_rng((self.config.seed, 0, epoch)).permutation(len(self.images))
+        return int(order[position])

@@ -147,7 +147,8 @@ def train_step(state: State, batch: list[Tensor], weights: Tensor, config: Train
     images, labels, *depth = (tensor.to(device) for tensor in batch)
     labels = labels.long()
     state.model.train()
-    logits = state.model(to_input(images, *depth))
+    with torch.autocast(torch.device(device).type, torch.bfloat16, enabled=config.precision == "bf16"):
+        logits = state.model(to_input(images, *depth)).float()
     # Class-weighted mean; void weighs 0. The clamp keeps a batch without any label finite.
     loss = F.cross_entropy(logits, labels, weight=weights, reduction="sum")
     loss = loss / weights[labels].sum().clamp(min=1.0)

@@ -57,6 +57,8 @@ class LabelledSet:
     """Names of the ids that the items' labels have; `void` is 0."""
     has_depth: bool = False
     """Whether every item reads depth as well."""
+    sizes: tuple[int, ...] = ()
+    """Of several sets put together: how many items each has, in their order; () for one."""
 
 
 @dataclass(frozen=True)

@@ -60,7 +60,8 @@ def open_sets(specs: Sequence[Path | str]) -> LabelledSet:
                 f"{', '.join(sets[0].class_names)}"
             )
     items = [item for part in sets for item in part.items]
-    return LabelledSet(items, sets[0].class_names, all(part.has_depth for part in sets))
+    sizes = tuple(len(part.items) for part in sets)
+    return LabelledSet(items, sets[0].class_names, all(part.has_depth for part in sets), sizes)
 
 
 def _parse(spec: str) -> tuple[Path, str | None]:
