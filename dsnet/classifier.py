@@ -40,7 +40,7 @@ class _DSNetEncoder(nn.Module):
         super().__init__()
         self.stem = make_stem(config, stem_stride)
         widths = (*config.widths, config.widths[3])
-        self.blocks = nn.ModuleList(Encode(config, widths[i], widths[i + 1]) for i in range(4))
+        self.blocks = nn.ModuleList(Encode(config, i, widths[i], widths[i + 1]) for i in range(4))
 
     def forward(self, x: Tensor) -> tuple[Tensor, list[Tensor]]:
         x = self.stem(x)

@@ -11,10 +11,10 @@ from dsmap.errors import InputError
 class DSNetConfig:
     """Shape of a DS-Net; the defaults are the paper's Table 1 with the three-convolution stem of its text."""
 
-    layers: int = 4
-    """L: 3x3 convolutions in a dense block (paper: 3, 4 or 5)."""
-    growth: int = 16
-    """K: feature maps each of them adds (paper: 8, 16 or 32)."""
+    layers: int | tuple[int, int, int, int] = 4
+    """L: 3x3 convolutions in a dense block (paper: 3, 4 or 5), or in each of B1..B4."""
+    growth: int | tuple[int, int, int, int] = 16
+    """K: feature maps each of them adds (paper: 8, 16 or 32), or in each of B1..B4."""
     widths: tuple[int, int, int, int] = (16, 16, 16, 16)
     """Channels that enter the pooling of B1..B4; the last is B4's output too, and D4..D1 mirror them."""
     stem_convs: int = 3
@@ -33,10 +33,18 @@ class DSNetConfig:
             raise InputError(f"DS-Net: channels is {self.channels}, expected 3 (RGB) or 4 (RGB-D)")
         if self.stem_convs not in (1, 3):
             raise InputError(f"DS-Net: stem_convs is {self.stem_convs}, expected 1 or 3")
-        if min(self.layers, self.growth, *self.widths, self.classes) < 1 or len(self.widths) != 4:
+        if len(self.widths) != 4 or any(len(pair) != 4 for pair in zip(*self.blocks, strict=True)):
+            raise InputError(f"DS-Net: expected one number or four, one a block, and 4 widths, found {self}")
+        if min(*self.widths, self.classes, *(min(block) for block in self.blocks)) < 1:
             raise InputError(f"DS-Net: layers, growth, classes and 4 widths must be positive, found {self}")
         if not 0 <= self.dropout < 1:
             raise InputError(f"DS-Net: dropout is {self.dropout}, expected 0 <= dropout < 1")
+
+    @property
+    def blocks(self) -> list[tuple[int, int]]:
+        """(L, K) of B1..B4."""
+        layers, growth = ((n,) * 4 if isinstance(n, int) else n for n in (self.layers, self.growth))
+        return list(zip(layers, growth, strict=True))
 
 
 @dataclass(frozen=True)
@@ -75,7 +83,10 @@ NetConfig = DSNetConfig | DeconvNetConfig | LibraryNetConfig
 DSNETS: dict[str, DSNetConfig] = {
     "dsnet": DSNetConfig(),
     "dsnet-m": DSNetConfig(layers=5, growth=24, widths=(24, 48, 64, 96)),
-    "dsnet-l": DSNetConfig(layers=6, growth=48, widths=(32, 64, 128, 256)),
+    "dsnet-l": DSNetConfig(
+        layers=(4, 6, 8, 8), growth=(16, 24, 32, 48), widths=(16, 48, 96, 192), dropout=0.1
+    ),
+    "dsnet-xl": DSNetConfig(layers=6, growth=48, widths=(32, 64, 128, 256)),
 }
 """The paper's size, and wider and deeper nets of the same design for those with more compute."""
 
@@ -84,8 +95,8 @@ DSNETS: dict[str, DSNetConfig] = {
 class NetChoice:
     """Which network to train; what is not given is as the name says."""
 
-    name: Literal["dsnet", "dsnet-m", "dsnet-l", "deconvnet", "pspnet", "deeplabv3"] = "dsnet"
-    """dsnet (the paper's size), dsnet-m, dsnet-l (wider and deeper), deconvnet (Noh et al.), pspnet, deeplabv3."""
+    name: Literal["dsnet", "dsnet-m", "dsnet-l", "dsnet-xl", "deconvnet", "pspnet", "deeplabv3"] = "dsnet"
+    """dsnet (the paper's size), dsnet-m, -l, -xl (wider and deeper), deconvnet (Noh et al.), pspnet, deeplabv3."""
     depth: bool = False
     """RGB-D: inverse depth as a fourth channel; the data must have depth."""
     layers: int | None = None
@@ -179,8 +190,9 @@ class TrainConfig:
     """Steps of linear warm-up before the cosine decay to zero."""
     ema: float = 0.99
     """Decay of the averaged weights that are validated and saved; 0: no averaging."""
-    balance: Literal["median", "log", "none"] = "median"
-    """Class weights: `median` (median frequency), `log` (1 / log(1.02 + frequency)) or `none`."""
+    balance: Literal["inverse", "median", "log", "none"] = "inverse"
+    """Class weights: `inverse` (1 / share of pixels: what the class average asks for), `median` (median frequency
+    within the images that show a class), `log` (1 / log(1.02 + share)) or `none`."""
     validate_every: int = 500
     """Steps between validations, which also write the checkpoint."""
     precision: Literal["fp32", "bf16"] = "fp32"

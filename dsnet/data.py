@@ -32,20 +32,21 @@ class LabelledImages:
         self.with_depth = with_depth and data.has_depth
         self._cache: list[Example] = []
         classes = len(data.class_names)
-        pixels, images = np.zeros(classes), np.zeros(classes)
+        pixels, images = np.zeros((len(self.sizes), classes)), np.zeros(classes)
+        set_of = np.repeat(np.arange(len(self.sizes)), self.sizes)
         cached = 0
-        for item in tqdm(self.items, desc="reading images", disable=not progress, leave=False):
+        for i, item in enumerate(tqdm(self.items, desc="reading images", disable=not progress, leave=False)):
             example = item.read(self.with_depth)
             counts = np.bincount(example.label.ravel(), minlength=classes)
-            pixels += counts
+            pixels[set_of[i]] += counts
             images += (counts > 0) * example.label.size
             arrays = (example.rgb, example.label, example.depth)
             cached += sum(array.nbytes for array in arrays if array is not None)
             if cached <= cache_bytes:
                 self._cache.append(example)
-        self.class_pixels = pixels
-        """Pixels of each class, shape (classes,)."""
-        self.class_frequency = pixels / np.maximum(images, 1)
+        self.set_pixels = pixels
+        """Pixels of each class in each of the sets, shape (sets, classes)."""
+        self.class_frequency = pixels.sum(axis=0) / np.maximum(images, 1)
         """Share of each class among the pixels of the images that show it, shape (classes,)."""
 
     def __len__(self) -> int:
@@ -57,21 +58,29 @@ class LabelledImages:
         return self.items[index].read(self.with_depth)
 
 
-def class_weights(data: LabelledImages, balance: str) -> np.ndarray:
+def class_weights(data: LabelledImages, balance: str, shares: Sequence[float] = ()) -> np.ndarray:
     """Weight of each class in the loss, float32, shape (classes,); void and classes never seen weigh 0.
 
     Args:
-        balance: `median` (median frequency balancing, at most 10), `log` (1 / log(1.02 + share), ENet) or
-            `none`.
+        balance: `inverse` (median share over share, at most 10: every class counts alike, as in the class
+            average), `median` (median frequency balancing of Eigen and Fergus, at most 10: frequent in the
+            images that show it), `log` (1 / log(1.02 + share), ENet) or `none`.
+        shares: how often each set is drawn from; (): by its size.
     """
-    seen = data.class_pixels > 0
-    seen[0] = False
+    counts = data.set_pixels.copy()
+    counts[:, 0] = 0
+    drawn = counts.sum(axis=0)
+    if shares:
+        drawn = np.array(shares) @ (counts / np.maximum(counts.sum(axis=1, keepdims=True), 1))
+    seen = drawn > 0
     weights = np.zeros(len(seen), np.float32)
-    if balance == "median":
+    share = drawn[seen] / max(drawn.sum(), 1e-12)
+    if balance == "inverse":
+        weights[seen] = np.minimum(np.median(share) / share, 10.0)
+    elif balance == "median":
         frequency = data.class_frequency[seen]
         weights[seen] = np.minimum(np.median(frequency) / frequency, 10.0)
     elif balance == "log":
-        share = data.class_pixels[seen] / data.class_pixels[seen].sum()
         weights[seen] = 1 / np.log(1.02 + share)
     else:
         weights[seen] = 1

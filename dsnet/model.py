@@ -53,13 +53,12 @@ class DenseLayer(nn.Module):
 class Encode(nn.Module):
     """B of Fig. 4: 2x2 max-pool, dense block of L layers, BN-ReLU-1x1 convolution, dropout."""
 
-    def __init__(self, config: DSNetConfig, channels: int, out: int):
+    def __init__(self, config: DSNetConfig, block: int, channels: int, out: int):
         super().__init__()
-        grown = channels + config.layers * config.growth
+        layers, growth = config.blocks[block]
+        grown = channels + layers * growth
         self.pool = nn.MaxPool2d(2, return_indices=True)
-        self.dense = nn.Sequential(
-            *[DenseLayer(channels + i * config.growth, config.growth) for i in range(config.layers)]
-        )
+        self.dense = nn.Sequential(*[DenseLayer(channels + i * growth, growth) for i in range(layers)])
         self.bn = nn.BatchNorm2d(grown)
         self.conv = nn.Conv2d(grown, out, 1, bias=False)
         self.dropout = nn.Dropout(config.dropout)
@@ -107,10 +106,10 @@ class DSNet(nn.Module):
         self.config = config = config or DSNetConfig()
         w1, w2, w3, w4 = config.widths
         self.stem = make_stem(config)  #        224 x 224 x 16
-        self.b1 = Encode(config, w1, w2)  #     112 x 112 x (16 -> 80 -> 16)
-        self.b2 = Encode(config, w2, w3)  #      56 x 56
-        self.b3 = Encode(config, w3, w4)  #      28 x 28
-        self.b4 = Encode(config, w4, w4)  #      14 x 14
+        self.b1 = Encode(config, 0, w1, w2)  #     112 x 112 x (16 -> 80 -> 16)
+        self.b2 = Encode(config, 1, w2, w3)  #      56 x 56
+        self.b3 = Encode(config, 2, w3, w4)  #      28 x 28
+        self.b4 = Encode(config, 3, w4, w4)  #      14 x 14
         self.d1 = Decode(w4, w3)  #              28 x 28 x 16
         self.d2 = Decode(w3, w2)  #              56 x 56
         self.d3 = Decode(w2, w1)  #             112 x 112
