@@ -11,7 +11,8 @@ from dsmap.dsnet.augment import augment, jitter_colour, random_affine, warp_imag
 from dsmap.dsnet.config import AugmentConfig, TrainConfig
 from dsmap.dsnet.data import LabelledImages, class_weights
 from dsmap.dsnet.datasets.base import Example
-from dsmap.dsnet.datasets.registry import open_set
+from dsmap.dsnet.datasets.registry import open_set, open_sets
+from dsmap.dsnet.stream import AugmentedStream
 from dsmap.errors import InputError
 from dsmap.frame import Intrinsics
 from dsmap.sequences import SequenceWriter
@@ -202,3 +203,27 @@ def test_colour_changes_are_deterministic_and_grey_stays_grey_without_white_bala
 def test_impossible_training_settings_are_named(wrong):
     with pytest.raises(InputError, match="training"):
         TrainConfig(**wrong)
+
+
+def test_class_weights_of_shares_count_what_is_drawn(tmp_path):
+    """Two sets of one class each: drawn 1 : 3, the first class is the rarer however many images it has."""
+    first = folder_of_images(tmp_path / "a", names=("0001",))
+    second = folder_of_images(tmp_path / "b", names=("0001", "0002"))
+    data = LabelledImages(open_sets([first, second]), progress=False)
+    assert data.sizes == (1, 2)
+    # By size, class 1 has 2 of 3 images; drawn 1 : 3 it has 0.25 + 0.75 / 2 = 0.625, class 2 0.375.
+    for shares, share in (((), 2 / 3), ((1.0, 3.0), 0.625)):
+        weights = class_weights(data, "inverse", shares)
+        np.testing.assert_allclose(weights[1] * share, weights[2] * (1 - share), rtol=1e-6)
+
+
+def test_shares_say_how_often_each_set_is_drawn_from(tmp_path):
+    first = folder_of_images(tmp_path / "a", names=("0001",))
+    second = folder_of_images(tmp_path / "b", names=("0001", "0002"))
+    data = LabelledImages(open_sets([first, second]), progress=False)
+    config = TrainConfig(steps=100, batch=10, size=(32, 32), shares=(0.2, 0.8))
+    stream = AugmentedStream(data, NOTHING, config)
+    chosen = [stream._image_of(k) for k in range(1000)]
+    assert 0.15 < np.mean(np.array(chosen) == 0) < 0.25 and set(chosen) == {0, 1, 2}
+    with pytest.raises(InputError, match="3 shares, expected one for each of 2"):
+        AugmentedStream(data, NOTHING, replace(config, shares=(1.0, 1.0, 1.0)))

@@ -37,8 +37,13 @@ def parameters(model) -> int:
 
 @pytest.mark.parametrize(
     ("name", "count"),
-    [("dsnet", 112_652), ("dsnet-m", 639_156), ("dsnet-l", 2_396_828),
-        ("dsnet-xl", 3_357_308), ("deconvnet", 251_788_494)],
+    [
+        ("dsnet", 112_652),
+        ("dsnet-m", 639_156),
+        ("dsnet-l", 2_396_828),
+        ("dsnet-xl", 3_357_308),
+        ("deconvnet", 251_788_494),
+    ],
 )
 def test_parameter_counts(name, count):
     with torch.device("meta"):
