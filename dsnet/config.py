@@ -193,6 +193,9 @@ class TrainConfig:
     balance: Literal["inverse", "median", "log", "none"] = "inverse"
     """Class weights: `inverse` (1 / share of pixels: what the class average asks for), `median` (median frequency
     within the images that show a class), `log` (1 / log(1.02 + share)) or `none`."""
+    balance_power: float = 0.75
+    """Of `inverse`: weights are shares to the power of minus this; 1: best class average, 0.5: best mIoU, 0: best
+    pixel accuracy."""
     validate_every: int = 500
     """Steps between validations, which also write the checkpoint."""
     precision: Literal["fp32", "bf16"] = "fp32"

@@ -58,12 +58,14 @@ class LabelledImages:
         return self.items[index].read(self.with_depth)
 
 
-def class_weights(data: LabelledImages, balance: str, shares: Sequence[float] = ()) -> np.ndarray:
+def class_weights(
+    data: LabelledImages, balance: str, shares: Sequence[float] = (), power: float = 1.0
+) -> np.ndarray:
     """Weight of each class in the loss, float32, shape (classes,); void and classes never seen weigh 0.
 
     Args:
-        balance: `inverse` (median share over share, at most 10: every class counts alike, as in the class
-            average), `median` (median frequency balancing of Eigen and Fergus, at most 10: frequent in the
+        balance: `inverse` ((median share over share) ^ power, at most 10; with power 1 every class counts alike,
+            as in the class average), `median` (median frequency balancing of Eigen and Fergus, at most 10: frequent in the
             images that show it), `log` (1 / log(1.02 + share), ENet) or `none`.
         shares: how often each set is drawn from; (): by its size.
     """
@@ -76,7 +78,7 @@ def class_weights(data: LabelledImages, balance: str, shares: Sequence[float] = 
     weights = np.zeros(len(seen), np.float32)
     share = drawn[seen] / max(drawn.sum(), 1e-12)
     if balance == "inverse":
-        weights[seen] = np.minimum(np.median(share) / share, 10.0)
+        weights[seen] = np.minimum((np.median(share) / share) ** power, 10.0)
     elif balance == "median":
         frequency = data.class_frequency[seen]
         weights[seen] = np.minimum(np.median(frequency) / frequency, 10.0)

@@ -89,7 +89,9 @@ def train(
         sampler=range(state.step * config.batch, config.steps * config.batch),
         num_workers=workers,
     )
-    weights = torch.from_numpy(class_weights(images, config.balance, config.shares)).to(device)
+    weights = torch.from_numpy(class_weights(images, config.balance, config.shares, config.balance_power)).to(
+        device
+    )
     started = time.monotonic() - state.seconds
     losses: list[float] = []
     bar = tqdm(loader, initial=state.step, total=config.steps, unit="step", disable=not progress)
