@@ -65,8 +65,8 @@ def class_weights(
 
     Args:
         balance: `inverse` ((median share over share) ^ power, at most 10; with power 1 every class counts alike,
-            as in the class average), `median` (median frequency balancing of Eigen and Fergus, at most 10: frequent in the
-            images that show it), `log` (1 / log(1.02 + share), ENet) or `none`.
+            as in the class average), `median` (median frequency balancing of Eigen and Fergus, at most 10:
+            frequent in the images that show it), `log` (1 / log(1.02 + share), ENet) or `none`.
         shares: how often each set is drawn from; (): by its size.
     """
     counts = data.set_pixels.copy()
