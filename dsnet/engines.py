@@ -77,7 +77,7 @@ class OnnxEngine:
     def __init__(self, model: nn.Module, info: WeightsInfo):
         from dsmap.dsnet.onnx_export import build_onnx
 
-        self._session = onnx_session(build_onnx(model, info).SerializeToString())
+        self._session = onnx_session(build_onnx(model, info, unpool="blocked").SerializeToString())
 
     def probabilities(self, rgb: np.ndarray, depth: np.ndarray | None) -> np.ndarray:
         inputs = {"image": rgb[None]}
@@ -95,7 +95,10 @@ def onnx_session(graph: bytes) -> Any:
     options.log_severity_level = 3
     # Its threads must not spin on while the mapper works on the same cores.
     options.add_session_config_entry("session.force_spinning_stop", "1")
-    return onnxruntime.InferenceSession(graph, options, providers=["CPUExecutionProvider"])
+    # Folding would take the constants of the `blocked` form out of the layout that it is there for.
+    return onnxruntime.InferenceSession(
+        graph, options, providers=["CPUExecutionProvider"], disabled_optimizers=["ConstantFolding"]
+    )
 
 
 def has_onnx() -> bool:

@@ -16,7 +16,9 @@ from dsmap.errors import InputError
 from dsmap.files import atomic_path
 
 OPSET = 17
-Unpool = Literal["mask", "index"]
+Unpool = Literal["mask", "blocked", "index"]
+_HUGE = 1e30
+"""Times the difference of any two floats that networks tell apart: more than 1."""
 
 
 class _Graph:
@@ -57,8 +59,9 @@ def build_onnx(
     Args:
         model: in eval mode, not changed; its batch norms may be folded already.
         size: width and height [px], multiples of 32; None: the weights' working size.
-        unpool: `mask` marks the maxima of a pooling by comparison (any runtime, and the fastest in ONNX
-            Runtime); `index` uses MaxUnpool, which few runtimes have.
+        unpool: `mask` marks the maxima of a pooling by comparison, in any runtime and precision; `blocked`
+            does it by sums and products of float32, which ONNX Runtime computes in the blocked layout of its
+            convolutions; `index` uses MaxUnpool, which few runtimes have.
 
     Raises:
         InputError: not a DS-Net, or an impossible size.
@@ -89,7 +92,10 @@ def build_onnx(
             x = g.add("MaxUnpool", x, indices, kernel_shape=[2, 2], strides=[2, 2])
         else:
             rows, columns = height >> (4 - k), width >> (4 - k)
-            x = g.add("Mul", _enlarge(g, x), _first_maxima(g, source, maxima, rows, columns))
+            mark = _first_maxima if unpool == "mask" else _first_maxima_blocked
+            x = g.add(
+                "Mul", _enlarge(g, x), mark(g, source, maxima, rows, columns, decode.deconv1[0].in_channels)
+            )
         x = _deconvolve(g, x, decode.deconv1, pad=1)
         x = _deconvolve(g, x, decode.deconv2, pad=0, scale=1 / info.temperature if k == 3 else 1.0)
     g.name(g.add("Softmax", g.add("Transpose", x, perm=[0, 2, 3, 1]), axis=-1), "probabilities")
@@ -117,8 +123,8 @@ def _affine(norm: nn.Module) -> tuple[np.ndarray | float, np.ndarray | float]:
 
 def _input(g: _Graph, with_depth: bool) -> str:
     """`to_input`, in channels first: (image - 127.5) / 64, and inverse depth."""
-    centred = g.add("Sub", g.add("Cast", "image", to=TensorProto.FLOAT), g.constant(127.5))
-    x = g.add("Transpose", g.add("Mul", centred, g.constant(1 / 64)), perm=[0, 3, 1, 2])
+    x = g.add("Cast", g.add("Transpose", "image", perm=[0, 3, 1, 2]), to=TensorProto.FLOAT)
+    x = g.add("Mul", g.add("Sub", x, g.constant(127.5)), g.constant(1 / 64))
     if not with_depth:
         return x
     inverse = g.add("Reciprocal", g.add("Max", "depth", g.constant(NEAREST_M)))
@@ -161,10 +167,13 @@ def _convolve(g: _Graph, x: str, weight: np.ndarray, bias: Any = None, pad: int 
 def _normalise(g: _Graph, x: str, norm: nn.BatchNorm2d) -> str:
     """BN and ReLU in front of a convolution, which nothing can absorb: later layers see the same features
     through other batch norms."""
-    scale, shift = _affine(norm)
-    zero, one = np.zeros_like(scale), np.ones_like(scale)
-    constants = [g.constant(value) for value in (scale, shift, zero, one)]
-    return g.add("Relu", g.add("BatchNormalization", x, *constants, epsilon=0.0))
+    return g.add("Relu", _scale(g, x, *_affine(norm)))
+
+
+def _scale(g: _Graph, x: str, scale: Any, shift: Any) -> str:
+    """scale x + shift of each channel."""
+    constants = [g.constant(value) for value in (scale, shift, np.zeros_like(scale), np.ones_like(scale))]
+    return g.add("BatchNormalization", x, *constants, epsilon=0.0)
 
 
 def _max_pool(g: _Graph, x: str) -> str:
@@ -178,17 +187,34 @@ def _enlarge(g: _Graph, x: str) -> str:
     return g.add("Resize", x, "", scales, mode="nearest", **how)
 
 
-def _first_maxima(g: _Graph, x: str, maxima: str, rows: int, columns: int) -> str:
+def _first_maxima(g: _Graph, x: str, maxima: str, rows: int, columns: int, channels: int) -> str:
     """1 where x is the first (row by row) of the maxima of its 2x2 window, else 0: where unpooling writes.
 
     Ties are no rarity, ReLU makes windows of zeros: each candidate is weighted by its place in the window.
     """
-    place = g.constant([[[[4, 3], [2, 1]]]])
-    places = g.add("Tile", place, g.constant([1, 1, rows // 2, columns // 2], np.int64))
     equal = g.add("Cast", g.add("Equal", x, _enlarge(g, maxima)), to=TensorProto.FLOAT)
-    rank = g.add("Mul", equal, places)
+    rank = g.add("Mul", equal, _places(g, rows, columns))
     first = g.add("Equal", rank, _enlarge(g, _max_pool(g, rank)))
     return g.add("Cast", first, to=TensorProto.FLOAT)
+
+
+def _first_maxima_blocked(g: _Graph, x: str, maxima: str, rows: int, columns: int, channels: int) -> str:
+    """The same without comparisons: relu(1 + k (x - maximum)) is 1 at a maximum and 0 elsewhere.
+
+    Every operation here has a form for blocked layouts in ONNX Runtime, so that nothing is reordered.
+    """
+    ones = np.ones(channels)
+    places = _convolve(g, _places(g, rows, columns), ones.reshape(-1, 1, 1, 1))  # of every channel, blocked
+    below = g.add("Add", x, _enlarge(g, _scale(g, maxima, -ones, 0 * ones)))
+    rank = g.add("Mul", g.add("Relu", _scale(g, below, _HUGE * ones, ones)), places)
+    behind = g.add("Add", rank, _enlarge(g, _scale(g, _max_pool(g, rank), -ones, 0 * ones)))
+    return g.add("Relu", _scale(g, behind, ones, ones))
+
+
+def _places(g: _Graph, rows: int, columns: int) -> str:
+    """4 3 / 2 1 in every window, shape (1, 1, rows, columns)."""
+    repeats = g.constant([1, 1, rows // 2, columns // 2], np.int64)
+    return g.add("Tile", g.constant([[[[4, 3], [2, 1]]]]), repeats)
 
 
 def _model(g: _Graph, model: DSNet, info: WeightsInfo, size: tuple[int, int]) -> onnx.ModelProto:

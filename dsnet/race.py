@@ -1,10 +1,13 @@
 """Ways to run one DS-Net on the CPU, timed turn by turn and compared with plain torch."""
 
 import copy
+import logging
+import multiprocessing
 import tempfile
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
@@ -57,33 +60,70 @@ class Result:
 
 
 def race(
-    model: nn.Module, info: WeightsInfo, images: Sequence[np.ndarray], *, rounds: int, repeats: int
+    model: nn.Module,
+    info: WeightsInfo,
+    images: Sequence[np.ndarray],
+    *,
+    rounds: int,
+    repeats: int,
+    names: Sequence[str] | None = None,
 ) -> list[Result]:
     """Time every contender on a batch of one: in each round everyone has its turn of `repeats` calls.
 
-    A call takes pixels and gives probabilities, so conversion and softmax count. The first result is the
-    reference.
+    Each lives in a process of its own: neither its threads nor the memory that it leaves to the allocator
+    make another one slower or faster. A call takes pixels and gives probabilities, so conversion and softmax
+    count. The first result is the reference.
 
     Args:
         model: RGB, in eval mode; not changed.
         images: uint8 (H, W, 3), of the size to time.
+        names: of `contenders`, the reference first; None: all.
     """
-    results, runs = [], {}
-    for name, make in contenders(model, info, images).items():
-        result = Result(name)
-        results.append(result)
+    results = [Result(name) for name in names or contenders(model, info, images)]
+    links: dict[str, Connection] = {}
+    answers: dict[str, list[np.ndarray]] = {}
+    context = multiprocessing.get_context("spawn")
+    for result in results:
+        ours, theirs = context.Pipe()
+        arguments = (theirs, result.name, model, info, images, torch.get_num_threads())
+        context.Process(target=_serve, args=arguments, daemon=True).start()
+        theirs.close()  # so that a process that dies is noticed
         try:
-            runs[name] = make()
-            runs[name](images[0])
-        except Exception as error:  # a missing package, compiler or instruction set: the others go on
-            runs.pop(name, None)
-            result.error = " ".join(str(error).split())[:160] or type(error).__name__
-    _compare(model, info, images, runs, results)
+            result.error, answers[result.name] = ours.recv()
+        except EOFError:
+            result.error = "its process died"
+        if not result.error:
+            links[result.name] = ours
+    _compare(model, info, images, answers, results)
     for _ in range(rounds):
         for result in results:
-            if result.name in runs:
-                result.milliseconds.append(_time(runs[result.name], images[0], repeats))
+            if result.name in links:
+                links[result.name].send(repeats)
+                result.milliseconds.append(links[result.name].recv())
+    for link in links.values():
+        link.send(0)
     return results
+
+
+def _serve(
+    link: Connection,
+    name: str,
+    model: nn.Module,
+    info: WeightsInfo,
+    images: Sequence[np.ndarray],
+    threads: int,
+) -> None:
+    """A contender's process: its answers first, then milliseconds for every number of calls, until 0."""
+    torch.set_num_threads(threads)
+    logging.disable(logging.WARNING)  # ONNX Runtime's advice on quantisation
+    try:
+        run = contenders(model, info, images)[name]()
+        link.send(("", [run(image) for image in images]))
+    except Exception as error:  # a missing package, compiler or instruction set: the others go on
+        link.send((" ".join(str(error).split())[:160] or type(error).__name__, []))
+        return
+    while repeats := link.recv():
+        link.send(_time(run, images[0], repeats))
 
 
 def contenders(
@@ -111,6 +151,7 @@ def contenders(
         "torch.compile, BN folded": lambda: _torch(_compiled(folded()), t),
         "ONNX Runtime, MaxUnpool": lambda: _onnx(graph("index")),
         "ONNX Runtime, masks": lambda: _onnx(graph("mask")),
+        "ONNX Runtime, blocked masks": lambda: _onnx(graph("blocked")),
         "ONNX Runtime, masks, int8": lambda: _onnx(_quantised(graph("mask"), images)),
         "OpenVINO, masks, fp32": lambda: _openvino(graph("mask"), "f32"),
         "OpenVINO, masks, bf16": lambda: _openvino(graph("mask"), "bf16"),
@@ -129,8 +170,8 @@ def undecided(model: nn.Module, info: WeightsInfo, image: np.ndarray) -> np.ndar
     with torch.inference_mode():
         x = to_input(image[None]).contiguous(memory_format=torch.channels_last)
         generator = torch.Generator().manual_seed(0)
-        noise = torch.randn((_DRAWS, *x.shape), generator=generator) * _NOISE
-        answers = [torch.softmax(model(x + n) / info.temperature, dim=1)[0] for n in noise]
+        draws = (torch.randn(x.shape, generator=generator) * _NOISE for _ in range(_DRAWS))
+        answers = [torch.softmax(model(x + noise) / info.temperature, dim=1)[0] for noise in draws]
         spread = torch.stack(answers).amax(dim=0) - torch.stack(answers).amin(dim=0)
     moved = (spread.amax(dim=0) > TOLERANCE / 10).numpy().astype(np.uint8)
     return cv2.dilate(moved, np.ones((2 * _HALO_PX + 1,) * 2, np.uint8)) > 0
@@ -140,17 +181,16 @@ def _compare(
     model: nn.Module,
     info: WeightsInfo,
     images: Sequence[np.ndarray],
-    runs: dict[str, Run],
+    answers: dict[str, list[np.ndarray]],
     results: list[Result],
 ) -> None:
     reference = copy.deepcopy(model).to(memory_format=torch.channels_last)  # type: ignore[call-overload]
-    for image in images:
+    for k, image in enumerate(images):
         chance = undecided(reference, info, image)
-        expected = runs[REFERENCE](image)
         for result in results:
-            if result.name not in runs:
+            if result.error:
                 continue
-            difference = np.abs(runs[result.name](image) - expected).max(axis=2)
+            difference = np.abs(answers[result.name][k] - answers[results[0].name][k]).max(axis=2)
             result.difference = max(result.difference, float(difference.max()))
             result.decided = max(result.decided, float(np.where(chance, 0, difference).max()))
             result.chance += float(chance.mean()) / len(images)
@@ -158,7 +198,7 @@ def _compare(
 
 
 def _time(run: Run, image: np.ndarray, repeats: int) -> float:
-    """Median milliseconds, after two calls that warm the caches and let the last one's threads go to sleep."""
+    """Median milliseconds, after two calls that warm the caches."""
     for _ in range(2):
         run(image)
     seconds = []

@@ -28,8 +28,6 @@ class Args:
 
 def main(args: Args) -> None:
     """Print the table of contenders."""
-    import logging
-
     import torch
 
     from dsmap.dsnet.checkpoint import load_weights
@@ -38,7 +36,6 @@ def main(args: Args) -> None:
 
     if min(args.images, args.rounds, args.repeats) < 1 or any(s < 32 or s % 32 for s in args.size):
         raise InputError("expected --images, --rounds and --repeats of at least 1, --size of multiples of 32")
-    logging.disable(logging.WARNING)  # ONNX Runtime's advice on quantisation
     model, info = load_weights(args.weights or SHIPPED_WEIGHTS, None)
     if info.config.channels != 3:
         raise InputError(f"{args.weights}: a network of RGB-D, expected one of RGB")
