@@ -140,7 +140,7 @@ def contenders(
         return fold_batch_norms(plain()).to(memory_format=last)  # type: ignore[call-overload]
 
     def graph(unpool: Unpool) -> bytes:
-        return build_onnx(model, info, (width, height), unpool).SerializeToString()
+        return build_onnx(model, info, (width, height), unpool=unpool).SerializeToString()
 
     t = info.temperature
     return {

@@ -127,7 +127,7 @@ def test_unpooling_writes_where_the_first_maximum_was(mark, unit):
 def test_all_forms_of_unpooling_and_batches(unpool):
     model, info = network(), WeightsInfo(SMALL, (WIDTH, HEIGHT), 1.3)
     images = np.stack([picture(3), picture(4)])
-    session = ort.InferenceSession(build_onnx(model, info, unpool=unpool).SerializeToString())
+    session = ort.InferenceSession(build_onnx(model, info, batch=0, unpool=unpool).SerializeToString())
     answer = session.run(None, {"image": images})[0]
     with torch.inference_mode():
         expected = torch.softmax(model(to_input(images)) / 1.3, dim=1).permute(0, 2, 3, 1).numpy()
@@ -150,7 +150,7 @@ def test_an_exported_file_needs_onnx_runtime_only(tmp_path, channels, capsys):
     path = saved(tmp_path / "net.safetensors", replace(SMALL, channels=channels))
     exported = tmp_path / "net.onnx"
     assert cli.run("export-onnx", [str(path), str(exported)]) == 0
-    assert f"(N, {HEIGHT}, {WIDTH}, 3)" in capsys.readouterr().out
+    assert f"(1, {HEIGHT}, {WIDTH}, 3)" in capsys.readouterr().out
     inputs = {"image": picture(3)[None]} | ({"depth": metres(3)[None]} if channels == 4 else {})
     np.savez(tmp_path / "inputs.npz", **inputs)
     command = [sys.executable, "-c", FOREIGN, exported, tmp_path / "inputs.npz", tmp_path / "answer.npy"]
