@@ -17,8 +17,8 @@ from dsmap.files import atomic_path
 
 OPSET = 17
 Unpool = Literal["mask", "blocked", "index"]
-_HUGE = 1e30
-"""Times the difference of any two floats that networks tell apart: more than 1."""
+_HUGE = 2.0**100
+"""Times the difference of any two floats that networks tell apart: more than 4."""
 
 
 class _Graph:
@@ -207,16 +207,17 @@ def _first_maxima(g: _Graph, x: str, maxima: str, rows: int, columns: int, chann
 
 
 def _first_maxima_blocked(g: _Graph, x: str, maxima: str, rows: int, columns: int, channels: int) -> str:
-    """The same without comparisons: relu(1 + k (x - maximum)) is 1 at a maximum and 0 elsewhere.
+    """The same without comparisons: relu(k (x - maximum) + place) is the place at a maximum, 0 elsewhere.
 
-    Every operation here has a form for blocked layouts in ONNX Runtime, so that nothing is reordered.
+    Every operation here has a form for blocked layouts in ONNX Runtime, so that nothing is reordered; scaling,
+    sum and ReLU become one.
     """
     ones = np.ones(channels)
     places = _convolve(g, _places(g, rows, columns), ones.reshape(-1, 1, 1, 1))  # of every channel, blocked
     below = g.add("Add", x, _enlarge(g, _scale(g, maxima, -ones, 0 * ones)))
-    rank = g.add("Mul", g.add("Relu", _scale(g, below, _HUGE * ones, ones)), places)
-    behind = g.add("Add", rank, _enlarge(g, _scale(g, _max_pool(g, rank), -ones, 0 * ones)))
-    return g.add("Relu", _scale(g, behind, ones, ones))
+    rank = g.add("Relu", g.add("Add", _scale(g, below, _HUGE * ones, 0 * ones), places))
+    behind = _enlarge(g, _scale(g, _max_pool(g, rank), -ones, ones))  # 1 - the highest rank
+    return g.add("Relu", g.add("Add", _scale(g, rank, ones, 0 * ones), behind))
 
 
 def _places(g: _Graph, rows: int, columns: int) -> str:

@@ -89,7 +89,9 @@ def race(
         context.Process(target=_serve, args=arguments, daemon=True).start()
         theirs.close()  # so that a process that dies is noticed
         try:
-            result.error, answers[result.name] = ours.recv()
+            result.error = ours.recv()
+            if not result.error:
+                answers[result.name] = [ours.recv() for _ in images]
         except EOFError:
             result.error = "its process died"
         if not result.error:
@@ -118,10 +120,13 @@ def _serve(
     logging.disable(logging.WARNING)  # ONNX Runtime's advice on quantisation
     try:
         run = contenders(model, info, images)[name]()
-        link.send(("", [run(image) for image in images]))
+        run(images[0])
     except Exception as error:  # a missing package, compiler or instruction set: the others go on
-        link.send((" ".join(str(error).split())[:160] or type(error).__name__, []))
+        link.send(" ".join(str(error).split())[:160] or type(error).__name__)
         return
+    link.send("")
+    for image in images:  # one by one: blocks of many megabytes, once freed, teach glibc to keep memory
+        link.send(run(image))
     while repeats := link.recv():
         link.send(_time(run, images[0], repeats))
 
