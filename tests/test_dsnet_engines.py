@@ -245,7 +245,12 @@ def test_a_captured_graph_answers_as_the_network_does():
 
 @pytest.mark.slow
 def test_the_race_is_run_in_processes_of_its_own():
-    names = [race.REFERENCE, "torch, BN folded", "ONNX Runtime, blocked masks", "no such contender"]
+    names = [
+        race.REFERENCE,
+        "torch, BN folded, memory kept",
+        "ONNX Runtime, blocked masks",
+        "no such contender",
+    ]
     info = WeightsInfo(SMALL, (WIDTH, HEIGHT), 1.3)
     results = race.race(network(), info, [picture(3), picture(4)], rounds=2, repeats=1, names=names)
     assert results[0].difference == 0 and 0 <= results[0].chance < 0.2
