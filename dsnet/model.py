@@ -7,10 +7,10 @@ from torch.nn.utils.fusion import fuse_conv_bn_eval
 
 from dsmap.dsnet.config import DSNetConfig
 
-_NEAREST_M = 0.3
-_MEAN_INVERSE_DEPTH = 0.45
+NEAREST_M = 0.3
+MEAN_INVERSE_DEPTH = 0.45
 """Of indoor views [1/m]: things between 1 and 5 m away."""
-_SPREAD_INVERSE_DEPTH = 0.25
+SPREAD_INVERSE_DEPTH = 0.25
 
 
 def to_input(images: Tensor | np.ndarray, depth: Tensor | np.ndarray | None = None) -> Tensor:
@@ -26,7 +26,7 @@ def to_input(images: Tensor | np.ndarray, depth: Tensor | np.ndarray | None = No
     if depth is None:
         return batch
     depth = torch.as_tensor(depth).float()
-    inverse = (1 / depth.clamp(min=_NEAREST_M) - _MEAN_INVERSE_DEPTH) / _SPREAD_INVERSE_DEPTH
+    inverse = (1 / depth.clamp(min=NEAREST_M) - MEAN_INVERSE_DEPTH) / SPREAD_INVERSE_DEPTH
     inverse = torch.where(depth > 0, inverse, torch.zeros_like(inverse))
     return torch.cat([batch, inverse[:, None]], dim=1).contiguous(memory_format=torch.channels_last)
 

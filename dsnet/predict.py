@@ -1,5 +1,6 @@
 """A trained network as the mapper's segmenter: a frame in, class probabilities out."""
 
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -7,7 +8,7 @@ import torch
 from torch import nn
 
 from dsmap.dsnet.checkpoint import WeightsInfo, load_weights
-from dsmap.dsnet.model import fold_batch_norms, to_input
+from dsmap.dsnet.engines import Engine, OnnxEngine, TorchEngine, choose_engine
 from dsmap.errors import InputError
 from dsmap.frame import Frame
 from dsmap.sequences.images import resize_colour, resize_nearest
@@ -16,20 +17,36 @@ SHIPPED_WEIGHTS = Path(__file__).parent / "weights" / "dsnet.safetensors"
 
 
 class DSNetSegmenter:
-    """A `dsmap.fusion.segmenter.Segmenter` made of a trained network."""
+    """A `dsmap.fusion.segmenter.Segmenter` made of a trained network.
 
-    def __init__(self, model: nn.Module, info: WeightsInfo, device: str = "cpu"):
+    Args:
+        model: its batch norms are folded: it cannot be trained on.
+        engine: `torch`, `onnx` (ONNX Runtime, CPU) or `auto`, the fastest that is installed. Training keeps
+            to torch, whose temperature may still change; that of other engines is the one of `info` now.
+
+    Raises:
+        InputError: an engine that cannot be had here.
+    """
+
+    def __init__(self, model: nn.Module, info: WeightsInfo, device: str = "cpu", engine: str = "torch"):
         self.info = info
         self.device = torch.device(device)
-        folded = fold_batch_norms(model).to(self.device)
-        self.model = folded.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+        self._model = model
+        chosen = choose_engine(engine, model, self.device)
+        self.engine: Engine = OnnxEngine(model, info) if chosen == "onnx" else self.torch_engine
 
-    @torch.inference_mode()
+    @cached_property
+    def torch_engine(self) -> TorchEngine:
+        """The network in torch, whatever `engine` is: for logits and for Warp's arrays."""
+        return TorchEngine(self._model, self.info, self.device)
+
     def logits(self, rgb: np.ndarray, depth: np.ndarray | None = None) -> np.ndarray:
         """Class logits before the temperature, float32, shape (h, w, classes); arguments as in `predict`."""
-        return self._forward(rgb, depth)[0].permute(1, 2, 0).cpu().numpy()
+        image, metres = self._inputs(rgb, depth)
+        small = None if metres is None else torch.from_numpy(metres)
+        logits = self.torch_engine.logits(torch.from_numpy(image), small)
+        return logits[0].permute(1, 2, 0).cpu().numpy()
 
-    @torch.inference_mode()
     def predict(self, rgb: np.ndarray, depth: np.ndarray | None = None) -> np.ndarray:
         """Calibrated probabilities, float32, shape (h, w, classes); rows sum to 1.
 
@@ -39,27 +56,30 @@ class DSNetSegmenter:
             rgb: uint8 (H, W, 3).
             depth: metres (H, W), 0 = no measurement; read by RGB-D networks only, which must have it.
         """
-        probabilities = torch.softmax(self._forward(rgb, depth) / self.info.temperature, dim=1)
-        return np.ascontiguousarray(probabilities[0].permute(1, 2, 0).cpu().numpy())
+        return self.engine.probabilities(*self._inputs(rgb, depth))
 
-    def _forward(self, rgb: np.ndarray, depth: np.ndarray | None) -> torch.Tensor:
-        image = torch.from_numpy(resize_colour(rgb, *self.info.size)[None]).to(self.device)
+    def _inputs(self, rgb: np.ndarray, depth: np.ndarray | None) -> tuple[np.ndarray, np.ndarray | None]:
+        """Both at the working size; depth only if the network reads it."""
+        if rgb.dtype != np.uint8 or rgb.ndim != 3 or rgb.shape[2] != 3:
+            raise InputError(f"network: found an image of {rgb.dtype} {rgb.shape}, expected uint8 (H, W, 3)")
+        image = np.ascontiguousarray(resize_colour(rgb, *self.info.size))
         if self.info.config.channels == 3:
-            return self.model(to_input(image))
+            return image, None
         if depth is None:
             raise InputError("network: these weights are of an RGB-D network, expected images with depth")
-        small = torch.from_numpy(resize_nearest(depth, *self.info.size)[None]).to(self.device)
-        return self.model(to_input(image, small))
+        return image, np.ascontiguousarray(resize_nearest(depth, *self.info.size), dtype=np.float32)
 
     def __call__(self, frame: Frame) -> np.ndarray:
         return self.predict(frame.rgb, frame.depth)
 
 
-def load_segmenter(weights: Path | str | None = None, device: str = "cpu") -> DSNetSegmenter:
-    """The segmenter of a weights file; None: the weights that ship with dsmap (trained on rendered rooms).
+def load_segmenter(
+    weights: Path | str | None = None, device: str = "cpu", engine: str = "auto"
+) -> DSNetSegmenter:
+    """The segmenter of a weights file; None: the weights that ship with dsmap.
 
     Raises:
-        InputError: the file is missing, damaged or not a DS-Net of dsmap.
+        InputError: the file is missing, damaged or not a DS-Net of dsmap, or there is no such engine here.
     """
     model, info = load_weights(SHIPPED_WEIGHTS if weights is None else weights)
-    return DSNetSegmenter(model, info, device)
+    return DSNetSegmenter(model, info, device, engine)

@@ -38,14 +38,20 @@ COMMANDS: dict[str, tuple[str, str]] = {
         "dsmap.tools.validation_split",
         "Cut a validation set out of numbered images, where no view is shared.",
     ),
+    "bench-net": (
+        "dsmap.tools.bench_net",
+        "Time the network in torch, ONNX Runtime and OpenVINO; are they equal?",
+    ),
+    "export-onnx": ("dsmap.tools.export_onnx", "Write trained weights as an ONNX file for other programs."),
     "cut": ("dsmap.tools.cut", "Copy a stretch of a recording into a new sequence in the TUM layout."),
 }
 """Command name to (module, one line of help). Each module has `Args` (a dataclass) and `main(args)`, and may have
 `defaults(argv)`: an Args that stands for the flags not given."""
 
 _PACKAGE_EXTRA = {
-    "torch": "dsnet", "h5py": "dsnet", "PIL": "dsnet", "mujoco": "sim", "mujoco_warp": "sim", "trimesh": "sim",
-    "pyrender": "sim", "ray": "ray", "viser": "view", "open3d": "bench", "evo": "bench",
+    "torch": "dsnet", "h5py": "dsnet", "PIL": "dsnet", "onnx": "dsnet", "onnxruntime": "dsnet",
+    "mujoco": "sim", "mujoco_warp": "sim", "trimesh": "sim", "pyrender": "sim", "ray": "ray", "viser": "view",
+    "open3d": "bench", "evo": "bench",
 }  # fmt: skip
 
 

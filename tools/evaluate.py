@@ -1,11 +1,12 @@
 """`dsmap evaluate`: a run against its reference, or a network alone on labelled images."""
 
+import dataclasses
 import json
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import tyro
@@ -39,8 +40,11 @@ class Args:
     """Weights of the network; default: the run's, or those that come with dsmap."""
     max_frames: int = MAX_FRAMES
     """Labelled frames that a run's semantics are scored on, evenly spread; 0: all."""
+    engine: Literal["auto", "torch", "onnx"] | None = None
+    """What runs the network (see `dsmap map`); default: as the run did, or the fastest that is installed."""
     out: Path | None = None
-    """Where to write the scores; default: metrics.json in the RUN folder, nowhere with --data."""
+    """Where to write the scores; default: metrics.json in the RUN folder, nowhere with --data. With --data also a
+    folder: metrics.json, reliability.png and overlays.jpg (ten images by rank) go into it."""
     intrinsics: str | None = None
     """fx,fy,cx,cy of the reference's images [px]; before calibration.yaml and known defaults."""
     depth_scale: float | None = None
@@ -54,9 +58,12 @@ def main(args: Args) -> None:
         print(run_tables(metrics))
         out = args.out or args.run / "metrics.json"
     elif args.data is not None and args.run is None:
-        metrics = score_network(args.data, args.weights)
+        metrics, watch, segmenter = score_network(args.data, args.weights, args.engine or "auto")
         print(network_table(metrics))
         out = args.out
+        if out is not None and out.suffix != ".json":
+            draw_network(out, args.data, watch, segmenter)
+            out = out / "metrics.json"
     else:
         raise InputError("expected either a RUN folder, or --data with images and labels")
     if out is not None:
@@ -78,12 +85,12 @@ def score_run(folder: Path, args: Args) -> dict[str, Any]:
         depth_scale=args.depth_scale,
         undistort=bool(settings.get("undistort", False)),
     )
-    segmenter = segmenter_of(run, args.weights) if reference.has_labels else None
+    segmenter = segmenter_of(run, args.weights, args.engine) if reference.has_labels else None
     return evaluate_run(run, reference, segmenter, args.max_frames)
 
 
-def segmenter_of(run: Run, weights: str | None) -> Segmenter | None:
-    """The segmenter that labelled a run, from its config.yaml; `weights` replace the run's.
+def segmenter_of(run: Run, weights: str | None, engine: str | None = None) -> Segmenter | None:
+    """The segmenter that labelled a run, from its config.yaml; `weights` and `engine` replace the run's.
 
     A network that needs a package which is not here, or a factory that is gone, gives None and a line of
     warning: the map's own labels can still be scored.
@@ -93,6 +100,8 @@ def segmenter_of(run: Run, weights: str | None) -> Segmenter | None:
         spec = SegmenterSpec(**values)
         if weights is not None:
             spec.weights = weights
+        if engine is not None:
+            spec.engine = engine
         return make_segmenter(spec)
     except (InputError, ModuleNotFoundError, TypeError) as error:
         if weights is not None:
@@ -101,17 +110,49 @@ def segmenter_of(run: Run, weights: str | None) -> Segmenter | None:
         return None
 
 
-def score_network(data: Path, weights: str | None) -> dict[str, Any]:
-    """Scores of DS-Net alone on labelled images, the `single_frame` tree of a run's metrics."""
-    segmenter = make_segmenter(SegmenterSpec("dsnet", weights))
+def score_network(data: Path, weights: str | None, engine: str) -> tuple[dict[str, Any], Any, Segmenter]:
+    """Scores of DS-Net alone on labelled images, the `single_frame` tree of a run's metrics.
+
+    Returns:
+        The metrics, the `Watch` that noted the score of every image, and the segmenter.
+    """
+    from dsmap.dsnet.measure import Watch  # with torch, which scoring a run of geometry does without
+
+    segmenter = make_segmenter(SegmenterSpec("dsnet", weights, engine=engine))
     if segmenter is None:
         raise InputError("no network to score")
-    tree, frames = evaluate_network(segmenter, labelled_frames(data))
-    return {"single_frame": tree, "frames": frames, "data": str(data), "weights": weights}
+    watch = Watch(segmenter)  # type: ignore[arg-type]
+    tree, frames = evaluate_network(watch, labelled_frames(data))
+    images = [dataclasses.asdict(image) for image in watch.ranked()]
+    metrics = {"single_frame": tree, "frames": frames, "data": str(data), "weights": weights}
+    return metrics | {"images_by_rank": images}, watch, segmenter
 
 
-def labelled_frames(data: Path) -> Iterator[tuple[Frame, np.ndarray]]:
+def draw_network(out: Path, data: Path, watch: Any, segmenter: Segmenter) -> None:
+    """Write reliability.png, and overlays.jpg of the best three, the median four and the worst three images."""
+    from dsmap.dsnet.measure import by_rank, enlarge
+    from dsmap.dsnet.pictures import Overlay, draw_overlays, draw_reliability
+
+    ranked = watch.ranked()
+    ranks = {ranked[rank].index: rank for rank in by_rank(len(ranked))}
+    overlays = []
+    for frame, label in labelled_frames(data, set(ranks)):
+        p = segmenter(frame)
+        if p is not None:
+            answer = (enlarge(p, label)[..., 1:].argmax(axis=2) + 1).astype(np.uint8)
+            rank = ranks[frame.index]
+            overlays.append(Overlay(frame.rgb, label, answer, ranked[rank], rank))
+    overlays.sort(key=lambda overlay: overlay.rank)
+    draw_reliability(out / "reliability.png", watch.reliability, f"{data.name}, {len(ranked)} images")
+    draw_overlays(out / "overlays.jpg", overlays, len(ranked))
+    print(f"pictures: {out / 'reliability.png'} {out / 'overlays.jpg'}")
+
+
+def labelled_frames(data: Path, only: set[int] | None = None) -> Iterator[tuple[Frame, np.ndarray]]:
     """Frames with labels of a recording, or of any data set of the 13 classes (see `open_set`).
+
+    Args:
+        only: indices of the frames wanted; None: all.
 
     Raises:
         InputError: there are none, they are of other classes, or an image does not fit its label.
@@ -122,7 +163,9 @@ def labelled_frames(data: Path) -> Iterator[tuple[Frame, np.ndarray]]:
             raise InputError(
                 f"{data}: this recording has no labels; expected label.txt, or folders rgb/ and label/"
             )
-        for i in tqdm(sequence.labelled(), unit="image"):
+        for i in tqdm(sequence.labelled(), unit="image", disable=only is not None):
+            if only is not None and i not in only:
+                continue
             frame = sequence.frame(i)
             if frame.label is not None:
                 yield frame, frame.label
@@ -130,10 +173,12 @@ def labelled_frames(data: Path) -> Iterator[tuple[Frame, np.ndarray]]:
     images = open_set(data)
     if images.class_names != CLASS_NAMES:
         raise InputError(f"{data}: classes are {', '.join(images.class_names)}, expected the 13 of NYUv2")
-    for index, item in enumerate(tqdm(images.items, unit="image")):
+    for index, item in enumerate(tqdm(images.items, unit="image", disable=only is not None)):
+        if only is not None and index not in only:
+            continue
         example = item.read()
         depth = np.zeros(example.label.shape, np.float32) if example.depth is None else example.depth
-        yield Frame(index, float(index), example.rgb, depth), example.label
+        yield Frame(index, float(index), example.rgb, depth, label=example.label), example.label
 
 
 def finite(tree: Any) -> Any:

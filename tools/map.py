@@ -71,6 +71,8 @@ class Args:
     """dsnet, labels (the recording's own), none, or module:factory returning a segmenter."""
     weights: str | None = None
     """Weights of the network; default: those that come with dsmap."""
+    engine: Literal["auto", "torch", "onnx"] = "auto"
+    """What runs the network: torch, onnx (ONNX Runtime, CPU), or auto: the faster one that is installed."""
     label_noise: float = 0.0
     """Corrupt this share of `labels` (a test of label fusion)."""
     label_noise_kind: Literal["pixels", "blobs", "confusion"] = "pixels"
