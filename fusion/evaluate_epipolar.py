@@ -57,7 +57,8 @@ def epipolar_error(reference: Sequence, matches: Matches, poses: dict[int, np.nd
 
     Args:
         matches: of `match_frames`.
-        poses: T_world_camera by frame of the reference, as the reference gives them.
+        poses: T_world_camera by frame of the reference. They are taken for those of the colour images, as tracking
+            takes them; a sensor whose colour is exposed at another time gives true poses an error.
     """
     camera, T_color_frame = _camera(reference), np.eye(4)
     own = reference.calibration
