@@ -27,9 +27,10 @@ _METADATA = ("config", "intrinsics", "time", METADATA, "run")
 def save_map(mapper: Mapper, path: Path | str, run: dict[str, Any] | None = None) -> None:
     """Write everything of a run that a later run or an evaluation needs; the file is whole or absent.
 
-    Tensors: the surfel arrays by name (N rows each), `times` (M,), `poses` T_world_camera (M, 4, 4) and
-    `tracked` (M,) of the M frames, and `state.*` of mapper_state. Metadata: format, config, intrinsics,
-    classes, frame number `time`, the state's plain values, and `run`: whatever the caller wants back.
+    Tensors: the surfel arrays by name (N rows each), `times` (M,), `depth_times` (M,), NaN where they
+    are the same, `poses` T_world_camera (M, 4, 4) and `tracked` (M,) of the M frames, and `state.*` of
+    mapper_state. Metadata: format, config, intrinsics, classes, frame number `time`, the state's plain values,
+    and `run`: whatever the caller wants back.
     """
     points = mapper.trajectory
     arrays, plain = mapper_state(mapper)
@@ -37,6 +38,7 @@ def save_map(mapper: Mapper, path: Path | str, run: dict[str, Any] | None = None
         "times": np.array([p.time for p in points], dtype=np.float64),
         "poses": np.array([p.T_world_camera for p in points], dtype=np.float64).reshape(-1, 4, 4),
         "tracked": np.array([p.tracked for p in points], dtype=np.uint8),
+        "depth_times": np.array([p.depth_time for p in points], dtype=np.float64),
     }
     tensors |= {f"state.{name}": array for name, array in arrays.items()}
     metadata = {
@@ -66,7 +68,7 @@ def load_map(path: Path | str, device: Any = "cpu") -> tuple[SurfelMap, dict[str
 
     Returns:
         The surfels, and a dict of `config` (MapConfig), `intrinsics` (dict), `time` (frame number),
-        `times`, `poses`, `tracked` (arrays of the trajectory), `arrays` and `plain` (the state for
+        `times`, `poses`, `tracked`, `depth_times` (arrays of the trajectory), `arrays` and `plain` (the state for
         `mapper_state.restore`) and `run` (what was given to `save_map`).
 
     Raises:
@@ -78,10 +80,13 @@ def load_map(path: Path | str, device: Any = "cpu") -> tuple[SurfelMap, dict[str
         raise InputError(
             f"{path}: tensors {', '.join(missing)} are missing; expected a whole dsmap checkpoint"
         )
+    arrays.setdefault("depth_times", np.full(len(arrays["times"]), np.nan))  # older files
     meta["config"] = fill(MapConfig(), meta["config"], f"{path}: config")
     meta["plain"] = meta.pop(METADATA)
     meta["arrays"] = {n.removeprefix("state."): a for n, a in arrays.items() if n.startswith("state.")}
-    return surfels_from(arrays, path, device), meta | {name: arrays[name] for name in _TRAJECTORY}
+    return surfels_from(arrays, path, device), meta | {
+        name: arrays[name] for name in (*_TRAJECTORY, "depth_times")
+    }
 
 
 def _read(path: Path, with_arrays: bool) -> tuple[dict[str, np.ndarray], dict[str, Any]]:

@@ -31,6 +31,8 @@ class TrackConfig:
     """Residual (intensity in [0, 1]) from which photometric weights fall; 0 = plain least squares."""
     noise_z: float = 0.0
     """Depth-dependent weight 1 / (1 + noise_z z^2)^2 of ICP residuals; 0 = all alike."""
+    exposure: bool = True
+    """The photometric term allows for another exposure of the frame than of the model: one factor a frame."""
     so3: bool = True
     """Rotation-only pre-alignment on the coarsest level."""
     min_inlier_fraction: float = 0.1

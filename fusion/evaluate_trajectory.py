@@ -6,6 +6,7 @@ import numpy as np
 
 from dsmap.errors import InputError
 from dsmap.frame import Intrinsics
+from dsmap.fusion.evaluate_epipolar import epipolar_table
 from dsmap.fusion.run_reader import Run
 from dsmap.metrics import align_se3, ate_rmse, relative_pose_error
 from dsmap.sequences import Sequence
@@ -60,9 +61,11 @@ def evaluate_trajectory(
     own = reference.calibration.intrinsics
     reference = reference.resized((own.width, own.height))
     tree["depth_consistency_m"] = consistency_table(reference, poses, run.config.depth_max)
+    true_poses: dict[int, np.ndarray] = {}
     if posed:
         true_poses = {j: T for j in poses if (T := reference.T_world_camera(j)) is not None}
         tree["depth_consistency_given_m"] = consistency_table(reference, true_poses, run.config.depth_max)
+    tree |= epipolar_table(reference, poses, true_poses, CONSISTENCY_STEPS)
     return tree, alignment
 
 

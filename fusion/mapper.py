@@ -115,7 +115,9 @@ class Mapper:
             maps = preprocess(frame.rgb, self._checked_depth(frame), self.cameras, self.device)
         with self._stage("track"):
             self._locate(frame, maps, result)
-        self.trajectory.append(TrajectoryPoint(frame.time, self.T_world_camera.copy(), result.tracked))
+        self.trajectory.append(
+            TrajectoryPoint(frame.time, self.T_world_camera.copy(), result.tracked, frame.depth_time)
+        )
         if result.tracked:
             with self._stage("moving"):
                 result.moving = self.moving.mask(maps, self.trajectory)

@@ -114,8 +114,11 @@ def _restore_map(mapper: Mapper, surfels: SurfelMap, meta: dict[str, Any]) -> No
     """Surfels, keyframes, loops, trajectory, frame number."""
     arrays, plain = meta["arrays"], meta["plain"]
     mapper.adopt(surfels)
-    points = zip(meta["times"], meta["poses"], meta["tracked"], strict=True)
-    mapper.trajectory[:] = [TrajectoryPoint(float(time), T, bool(tracked)) for time, T, tracked in points]
+    points = zip(meta["times"], meta["poses"], meta["tracked"], meta["depth_times"], strict=True)
+    mapper.trajectory[:] = [
+        TrajectoryPoint(float(time), T, bool(tracked), None if np.isnan(depth_time) else float(depth_time))
+        for time, T, tracked, depth_time in points
+    ]
     mapper.time, mapper.T_world_camera = plain["time"], arrays["T_world_camera"]
     closer = mapper.closer
     if closer is None:

@@ -15,7 +15,7 @@ from dsmap.fusion.checkpoint import save_map
 from dsmap.fusion.export import write_ply, write_trajectory
 from dsmap.fusion.mapper import Mapper
 from dsmap.fusion.mapper_state import record_values
-from dsmap.fusion.trajectory import TrajectoryPoint
+from dsmap.fusion.trajectory import TrajectoryPoint, at_colour_stamps
 
 CHECKPOINT = "checkpoint.safetensors"
 """Name of the checkpoint in a RUN folder."""
@@ -35,7 +35,9 @@ def save_run(
     probabilities = mapper.probabilities() if with_probabilities else None
     write_ply(run_dir / "map.ply", surfels, probabilities=probabilities)
     write_ply(run_dir / "labels.ply", surfels, colour="label")
-    write_trajectory(run_dir / "trajectory.txt", [(p.time, p.T_world_camera) for p in _points(mapper)])
+    points = _points(mapper)
+    stamps = [point.time for point in points]
+    write_trajectory(run_dir / "trajectory.txt", list(zip(stamps, at_colour_stamps(points), strict=True)))
     write_json(run_dir / "loops.json", {"loops": _loops(mapper)})
     write_classes(run_dir / "classes.json")
     if checkpoint:

@@ -16,6 +16,10 @@ from dsmap.kernels.types import FrameMaps
 
 _CONVERGED = 3e-5
 """A step below this (metres and radians alike) ends a level: a sixtieth of a pixel at 1 m."""
+_DARK, _BRIGHT = 0.02, 0.98
+"""Intensities beyond these tell nothing about exposure."""
+_MIN_SHARED = 0.05
+"""Share of the image that exposure is measured on, at least."""
 _VGA_PIXELS = 640 * 480
 """Published pixel counts are those of this image size."""
 
@@ -72,6 +76,27 @@ class ModelView:
         return [level and level[:3] for level in self.levels]
 
 
+def exposure_gain(frame: tuple, model: tuple) -> float:
+    """How much darker (> 1) the frame was exposed than the model: the ratio of mean intensities.
+
+    Cameras with automatic exposure change it by a tenth and more within a second, which Eq. 2 would take for
+    motion. Between two frames hardly anything moves on the coarsest level, so the same pixels are compared: those
+    with depth in both views, neither black nor saturated.
+
+    Args:
+        frame, model: vertex, normal and intensity map of one level, shapes (H, W).
+
+    Returns:
+        A factor between 0.5 and 2; 1 where there is too little to compare.
+    """
+    light, reference = frame[2].numpy(), model[2].numpy()
+    shared = (frame[0].numpy()[..., 2] > 0) & (model[0].numpy()[..., 2] > 0)
+    shared &= (light > _DARK) & (light < _BRIGHT) & (reference > _DARK) & (reference < _BRIGHT)
+    if np.count_nonzero(shared) < _MIN_SHARED * shared.size:
+        return 1.0
+    return float(np.clip(reference[shared].mean() / light[shared].mean(), 0.5, 2.0))
+
+
 class Tracker:
     """Estimates T_prev_cur between the last model view and the current frame."""
 
@@ -98,7 +123,8 @@ class Tracker:
             current = self.aligner.pyramid(frame[-1].intensity)
             T_prev_cur[:3, :3] = self.aligner.rotation(current, self.last_coarse)
         source = [(maps.vertex, maps.normal, maps.intensity) for maps in frame]
-        return self.register(source, model, T_prev_cur)
+        gain = exposure_gain(source[-1], model.levels[-1]) if self.config.exposure else 1.0
+        return self.register(source, model, T_prev_cur, gain=gain)
 
     def register(
         self,
@@ -106,6 +132,7 @@ class Tracker:
         model: ModelView,
         T_model_source: np.ndarray,
         iterations: Sequence[int] | None = None,
+        gain: float = 1.0,
     ) -> tuple[np.ndarray, Health]:
         """Register one view to another, coarse to fine, down to the model's finest level.
 
@@ -121,7 +148,9 @@ class Tracker:
         icp = rgb = None
         for level in reversed(range(model.finest, len(self.cameras))):
             for _ in range(iterations[level]):
-                icp, rgb = self.normal_equations(level, source[level], model.levels[level], T_model_source)
+                icp, rgb = self.normal_equations(
+                    level, source[level], model.levels[level], T_model_source, gain
+                )
                 # Eq. 3: E = E_icp + w_rgb E_rgb
                 w_rgb = self._w_rgb(icp, rgb)
                 xi = solve(icp[0] + w_rgb * rgb[0], icp[1] + w_rgb * rgb[1])
@@ -133,16 +162,20 @@ class Tracker:
         diverged = not np.isfinite(T_model_source).all()
         return T_model_source, self._verdict(source, model.finest, icp, rgb, diverged)
 
-    def normal_equations(self, level: int, source: tuple, model: tuple, T_model_source: np.ndarray) -> tuple:
+    def normal_equations(
+        self, level: int, source: tuple, model: tuple, T_model_source: np.ndarray, gain: float = 1.0
+    ) -> tuple:
         """Of Eq. 1 and Eq. 2 on one pyramid level: see `joint_normal_equations`, with the configured gates."""
-        return joint_normal_equations(self.cameras[level], T_model_source, self._gates(level), source, model)
+        return joint_normal_equations(
+            self.cameras[level], T_model_source, self._gates(level, gain), source, model
+        )
 
     def _w_rgb(self, icp: tuple, rgb: tuple) -> float:
         """The weight of the photometric term: less where the depth is much better than the colour."""
         ratio = (icp[2] / max(icp[3], 1)) / max(rgb[2] / max(rgb[3], 1), 1e-12)
         return min(self.config.w_rgb, self.config.rgb_balance * ratio)
 
-    def _gates(self, level: int) -> Any:
+    def _gates(self, level: int, gain: float = 1.0) -> Any:
         config, gates = self.config, Gates()
         gates.max_distance = config.max_distance
         gates.min_cosine = float(np.cos(np.deg2rad(config.max_angle_deg)))
@@ -150,6 +183,7 @@ class Tracker:
         gates.min_gradient = config.min_gradient[level] / (8 * 255)
         gates.max_intensity = config.max_intensity_step
         gates.huber_icp, gates.huber_rgb = config.huber_icp, config.huber_rgb
+        gates.gain = gain
         gates.noise_z = config.noise_z
         gates.stride = config.stride[level]
         return gates

@@ -12,6 +12,8 @@ TURN_M = 0.5
 """A radian of turning drifts as this many metres of way do."""
 MOST_LOST = 60
 """After more lost frames than this the last motion tells nothing."""
+_MAX_GAP_S = 0.1
+"""Frames further apart than this say nothing about the motion between them [s]."""
 _MOTION_FRAMES = 5
 """The last motion is measured over this many frames."""
 
@@ -22,7 +24,34 @@ class TrajectoryPoint:
 
     time: float
     T_world_camera: np.ndarray
+    """At the time of the depth image."""
     tracked: bool
+    depth_time: float | None = None
+    """Stamp of the depth image [s]; None: that of the colour, `time`."""
+
+
+def at_colour_stamps(trajectory: Sequence[TrajectoryPoint]) -> np.ndarray:
+    """T_world_camera of every frame at its colour stamp, shape (K, 4, 4).
+
+    A frame is registered by its depth image, which a sensor may take up to half a frame before or after the
+    colour: at walking pace that is a centimetre. The pose moves on along the straight way to the neighbour on
+    that side (at the ends: from the one before), unless one of the two is lost or more than 0.1 s away.
+    """
+    poses = poses_of(trajectory)
+    taken = np.array([p.time if p.depth_time is None else p.depth_time for p in trajectory])
+    out = poses.copy()
+    for i, point in enumerate(trajectory):
+        later = point.time - taken[i]
+        k = i + (1 if later > 0 else -1)
+        k = k if 0 <= k < len(poses) else 2 * i - k
+        if later == 0 or not 0 <= k < len(poses) or not (point.tracked and trajectory[k].tracked):
+            continue
+        if 0 < abs(taken[k] - taken[i]) <= _MAX_GAP_S:
+            share = later / (taken[k] - taken[i])
+            spin = cv2.Rodrigues(poses[i, :3, :3].T @ poses[k, :3, :3])[0][:, 0]
+            out[i, :3, :3] = poses[i, :3, :3] @ exp_so3(share * spin)
+            out[i, :3, 3] += share * (poses[k, :3, 3] - poses[i, :3, 3])
+    return out
 
 
 def poses_of(trajectory: Sequence[TrajectoryPoint]) -> np.ndarray:

@@ -28,6 +28,7 @@ class Gates:
     max_intensity: wp.float32  # difference of intensities beyond which a pixel is an occlusion or a highlight
     huber_icp: wp.float32  # [m] residual from which the weight falls; 0: plain least squares
     huber_rgb: wp.float32  # likewise for intensity
+    gain: wp.float32  # factor that brings the frame's intensities to the model's exposure
     noise_z: wp.float32  # depth noise grows with z^2: weight 1 / (1 + noise_z z^2)^2; 0: all alike
     stride: wp.int32  # every stride-th pixel of the frame in both directions
 
@@ -114,8 +115,8 @@ def _joint(
         g = _bilinear2(model_gradient, u, x0, y0)
         if wp.dot(g, g) < gates.min_gradient * gates.min_gradient:
             continue
-        # Eq. 2: (I(u, c_t) - I(pi(K exp(xi^) T p(u, D_t)), c^a_{t-1}))^2
-        r = intensity[y, x] - _bilinear(model_intensity, u, x0, y0)
+        # Eq. 2, I(u, c_t) at the model's exposure: (I(u, c_t) - I(pi(K exp(xi^) T p(u, D_t)), c^a_{t-1}))^2
+        r = gates.gain * intensity[y, x] - _bilinear(model_intensity, u, x0, y0)
         if wp.abs(r) > gates.max_intensity:
             continue
         gx = g[0] * camera.fx / p[2]

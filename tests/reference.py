@@ -157,7 +157,7 @@ def joint_rows(camera, T, gates, frame, model) -> tuple[list, list]:
             g, sample = bilinear(m_gradient, u, v), bilinear(m_intensity, u, v)
             if g is None or sample is None or np.linalg.norm(g) < gates.min_gradient:
                 continue
-            r = intensity[y, x] - sample
+            r = gates.gain * intensity[y, x] - sample
             if abs(r) <= gates.max_intensity:
                 rgb.append((_image_jacobian(camera, g, p), r, _huber(r, gates.huber_rgb)))
     return icp, rgb

@@ -8,7 +8,7 @@ import warp as wp
 from dsmap.frame import Intrinsics
 from dsmap.fusion.config import TrackConfig
 from dsmap.fusion.lie import exp_se3, exp_so3, inverse, rotation_angle
-from dsmap.fusion.tracker import ModelView, Tracker
+from dsmap.fusion.tracker import ModelView, Tracker, exposure_gain
 from dsmap.kernels import odometry
 from dsmap.kernels.camera import make_camera
 from dsmap.kernels.preprocess import preprocess
@@ -53,7 +53,7 @@ def pair(T_prev_cur: np.ndarray):
 def test_joint_normal_equations(stride):
     frame, model, _ = pair(exp_se3(np.array([0.02, -0.01, 0.015, 0.01, 0.02, -0.01])))
     tracker = Tracker(TrackConfig(stride=(stride,) * 3, huber_icp=0.004, huber_rgb=0.02, noise_z=0.3), LEVELS)
-    gates = tracker._gates(1)
+    gates = tracker._gates(1, gain=1.05)
     T = exp_se3(np.array([0.01, 0.0, 0.005, 0.0, 0.01, 0.0]))
     maps = (frame[1].vertex, frame[1].normal, frame[1].intensity)
     got = odometry.joint_normal_equations(LEVELS[1], T, gates, maps, model.levels[1])
@@ -64,6 +64,23 @@ def test_joint_normal_equations(stride):
         np.testing.assert_allclose(ours[0], A, rtol=0.02, atol=2e-3 * np.abs(A).max())
         np.testing.assert_allclose(ours[1], b, atol=0.01 * np.abs(b).max())
         np.testing.assert_allclose(ours[2], cost, rtol=0.02)
+
+
+def test_exposure_is_not_taken_for_motion():
+    """A frame exposed a quarter darker than the model: the same pose as without, and not without the gain."""
+    T = exp_se3(np.array([0.02, -0.01, 0.015, 0.01, 0.02, -0.01]))
+    frame, model, _ = pair(T)
+    for maps in frame:
+        maps.intensity = wp.array(0.75 * maps.intensity.numpy(), dtype=wp.float32)
+    surfaces = [(maps.vertex, maps.normal, maps.intensity) for maps in frame]
+    assert exposure_gain(surfaces[-1], model.levels[-1]) == pytest.approx(1 / 0.75, rel=0.05)
+    errors = {}
+    for exposure in (True, False):
+        found, health = Tracker(TrackConfig(exposure=exposure, so3=False), LEVELS).track(frame, model)
+        errors[exposure] = np.linalg.norm((np.linalg.inv(T) @ found)[:3, 3])
+    assert errors[True] < 0.5e-3 and errors[True] < errors[False]
+    nothing = (surfaces[-1][0], surfaces[-1][1], wp.zeros_like(surfaces[-1][2]))
+    assert exposure_gain(nothing, model.levels[-1]) == 1.0, "a black image has no exposure"
 
 
 def test_rotation_normal_equations():

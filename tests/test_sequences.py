@@ -84,6 +84,19 @@ def test_poses_are_interpolated_and_left_out_far_from_any():
     assert far is None
 
 
+def test_given_poses_are_those_of_the_depth_images(tmp_path):
+    folder = write_tum(tmp_path / "s")
+    lines = (folder / "depth.txt").read_text().splitlines()
+    late = [line for line in lines if line.startswith("#")]
+    late += [f"{float(t) + 0.01:.6f} {name}" for t, name in (x.split() for x in lines if x[0] != "#")]
+    (folder / "depth.txt").write_text("\n".join(late))
+    frame = open_sequence(folder).frame(2)
+    assert frame.time == pytest.approx(2 / RATE, abs=1e-5)
+    assert frame.depth_time == pytest.approx(2 / RATE + 0.01, abs=1e-5)
+    assert frame.T_world_camera is not None
+    assert frame.T_world_camera[0, 3] == pytest.approx(0.2 + 0.1 * 0.01 * RATE, abs=1e-4)
+
+
 def test_gaps_are_three_median_intervals():
     times = np.array([0.0, 0.1, 0.2, 0.3, 0.65, 0.75])
     assert gaps(times) == [(0.3, pytest.approx(0.35))]

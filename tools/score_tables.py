@@ -45,6 +45,10 @@ def _trajectory_rows(t: dict[str, Any]) -> list[tuple[str, str]]:
         if key in t:
             steps = ", ".join(f"{_mm(v)} at {k} frames" for k, v in t[key].items() if k != "reason")
             rows.append((f"depth consistency, {name} poses", steps))
+    for name, key in (("estimated", "epipolar_px"), ("given", "epipolar_given_px")):
+        if any(v is not None for v in t.get(key, {}).values()):
+            steps = ", ".join(f"{_number(v, 2, ' px')} at {k} frames" for k, v in t[key].items())
+            rows.append((f"epipolar error, {name} poses", steps))
     return rows
 
 

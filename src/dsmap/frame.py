@@ -68,3 +68,5 @@ class Frame:
     """Ground-truth class ids, uint8, shape (H, W); None where this frame has no labels."""
     instance: np.ndarray | None = None
     """Ground-truth instance ids, uint16, shape (H, W)."""
+    depth_time: float | None = None
+    """Stamp of the depth image [s], which is the time of the pose; None: that of the colour."""

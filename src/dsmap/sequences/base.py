@@ -37,6 +37,9 @@ class Entry:
     label: Path | None = None
     instance: Path | None = None
     T_world_camera: np.ndarray | None = None
+    """Given pose at the time of the depth image, shape (4, 4)."""
+    depth_time: float | None = None
+    """Stamp of the depth image on the colour's clock [s]; None: that of the colour."""
 
 
 @dataclass
@@ -143,6 +146,7 @@ class Sequence:
             T_world_camera=entry.T_world_camera,
             label=self._ids(entry.label, np.uint8),
             instance=self._ids(entry.instance, np.uint16),
+            depth_time=entry.depth_time,
         )
 
     def resized(self, size: tuple[int, int]) -> "Sequence":

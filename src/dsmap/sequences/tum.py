@@ -16,6 +16,8 @@ def is_tum(folder: Path) -> bool:
 def read_tum(folder: Path, depth_time_offset_s: float = 0.0) -> Recording:
     """Associate colour, depth, labels and poses of a folder in the TUM layout.
 
+    Poses are those at the stamps of the depth images: the geometry is seen from there.
+
     Args:
         depth_time_offset_s: added to the depth stamps before pairing [s].
 
@@ -25,18 +27,29 @@ def read_tum(folder: Path, depth_time_offset_s: float = 0.0) -> Recording:
     notes: list[str] = []
     rgb_times, rgb_files = read_image_list(folder / "rgb.txt", notes)
     depth_times, depth_files = read_image_list(folder / "depth.txt", notes)
-    pairs = associate(rgb_times, depth_times + depth_time_offset_s)
+    depth_times = depth_times + depth_time_offset_s
+    pairs = associate(rgb_times, depth_times)
     if not pairs:
         raise InputError(
             f"{folder}: found {len(rgb_times)} colour and {len(depth_times)} depth stamps and no two within "
             "20 ms, expected stamps of one clock in rgb.txt and depth.txt"
         )
     times = rgb_times[[i for i, _ in pairs]]
-    poses = _poses(folder / "groundtruth.txt", times, notes)
+    exposed = depth_times[[j for _, j in pairs]]
+    poses = _poses(folder / "groundtruth.txt", exposed, notes)
     labels = _optional(folder / "label.txt", times, notes)
     instances = _optional(folder / "instance.txt", times, notes)
     entries = [
-        Entry(k, float(times[k]), rgb_files[i], depth_files[j], labels.get(k), instances.get(k), poses[k])
+        Entry(
+            k,
+            float(times[k]),
+            rgb_files[i],
+            depth_files[j],
+            labels.get(k),
+            instances.get(k),
+            poses[k],
+            float(exposed[k]),
+        )  # fmt: skip
         for k, (i, j) in enumerate(pairs)
     ]
     return Recording("tum", folder, entries, len(rgb_times), len(depth_times), notes)

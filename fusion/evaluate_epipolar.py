@@ -1,0 +1,130 @@
+"""A judge of poses that looks at no depth: do features of two colour images lie on each other's epipolar lines?
+
+Depth consistency shares its errors with the depth images: a sensor whose depth is bent favours the poses that bend the
+same way, be they estimated or given. Points of interest of the colour images, matched between frames that are far
+apart, know nothing of that. What they see of a pose is its rotation and the direction of its motion.
+"""
+
+from typing import Any
+
+import cv2
+import numpy as np
+
+from dsmap.errors import InputError
+from dsmap.frame import Intrinsics
+from dsmap.sequences import Sequence
+from dsmap.sequences.images import read_colour
+
+_PAIRS = 20
+"""Pairs of frames looked at for each step."""
+_FEATURES = 1500
+"""SIFT features of an image, at most."""
+_RATIO = 0.75
+"""A match is better than this times the second best."""
+_INLIER_PX = 1.5
+"""Matches further from the epipolar geometry that fits most of them are wrong ones [px]."""
+_MIN_MATCHES = 20
+_MIN_BASELINE_M = 0.02
+"""Without motion every point is on its line."""
+
+Matches = dict[tuple[int, int], tuple[np.ndarray, np.ndarray]]
+"""Pixels (N, 2) in the first and in the second frame of a pair, by the pair's frame numbers."""
+
+
+def match_frames(reference: Sequence, frames: list[int], step: int) -> Matches:
+    """Matched features of colour images `step` frames apart, evenly spread over the recording.
+
+    What disagrees with every epipolar geometry is left out (MAGSAC), without a look at any pose. Pixels are those
+    of a camera without distortion.
+    """
+    starts = max(len(frames) - step, 0)
+    camera, found = _camera(reference), {}
+    for k in np.unique(np.linspace(0, starts - 1, min(starts, _PAIRS)).astype(int)):
+        a, b = frames[k], frames[k + step]
+        try:
+            pixels = _match(read_colour(reference.entries[a].rgb), read_colour(reference.entries[b].rgb))
+        except InputError:
+            continue  # a damaged frame says nothing about the motion
+        if pixels is not None:
+            found[a, b] = tuple(_undistorted(p, camera) for p in pixels)
+    return found
+
+
+def epipolar_error(reference: Sequence, matches: Matches, poses: dict[int, np.ndarray]) -> float | None:
+    """Median distance of matched features from their epipolar lines [px of the colour images], or None.
+
+    The first-order distance of Sampson, median of a pair, then of the pairs.
+
+    Args:
+        matches: of `match_frames`.
+        poses: T_world_camera by frame of the reference. They are taken for those of the colour images, as tracking
+            takes them; a sensor whose colour is exposed at another time gives true poses an error.
+    """
+    camera, T_color_frame = _camera(reference), np.eye(4)
+    own = reference.calibration
+    if own.color_camera is not None and own.T_color_depth is not None:
+        T_color_frame = own.T_color_depth
+    medians = []
+    for (a, b), pixels in matches.items():
+        T_b_a = T_color_frame @ np.linalg.inv(poses[b]) @ poses[a] @ np.linalg.inv(T_color_frame)
+        if np.linalg.norm(T_b_a[:3, 3]) > _MIN_BASELINE_M:
+            medians.append(np.median(sampson_distance(*pixels, T_b_a, camera)))
+    return float(np.median(medians)) if medians else None
+
+
+def epipolar_table(
+    reference: Sequence, poses: dict[int, np.ndarray], given: dict[int, np.ndarray], steps: tuple[int, ...]
+) -> dict[str, Any]:
+    """`epipolar_px` and `epipolar_given_px`: the error by step of estimated and of given poses."""
+    tables: dict[str, dict[str, float | None]] = {"epipolar_px": {}, "epipolar_given_px": {}}
+    for step in steps:
+        matches = match_frames(reference, sorted(poses), step)
+        for name, trajectory in zip(tables, (poses, given), strict=True):
+            known = {pair: pixels for pair, pixels in matches.items() if set(pair) <= trajectory.keys()}
+            tables[name][str(step)] = epipolar_error(reference, known, trajectory)
+    return tables
+
+
+def sampson_distance(
+    pixels_a: np.ndarray, pixels_b: np.ndarray, T_b_a: np.ndarray, camera: Intrinsics
+) -> np.ndarray:
+    """First-order distance [px] of pairs of pixels, (N, 2) each, from the epipolar geometry of T_b_a; shape (N,)."""
+    x, y, z = T_b_a[:3, 3]
+    inverse_K = np.linalg.inv(camera.K)
+    F = inverse_K.T @ np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]]) @ T_b_a[:3, :3] @ inverse_K
+    a, b = (np.column_stack([p, np.ones(len(p))]) for p in (pixels_a, pixels_b))
+    lines_b, lines_a = a @ F.T, b @ F
+    slope = (lines_b[:, :2] ** 2).sum(axis=1) + (lines_a[:, :2] ** 2).sum(axis=1)
+    return np.abs((b * lines_b).sum(axis=1)) / np.sqrt(np.maximum(slope, 1e-30))
+
+
+def _camera(reference: Sequence) -> Intrinsics:
+    """Of the colour images as they are stored."""
+    return reference.calibration.color_camera or reference.calibration.intrinsics
+
+
+def _match(first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+    sift = cv2.SIFT_create(_FEATURES, contrastThreshold=0.02)
+    described = [
+        sift.detectAndCompute(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), None) for image in (first, second)
+    ]
+    if any(codes is None or len(codes) < 2 for _, codes in described):
+        return None
+    (points_a, codes_a), (points_b, codes_b) = described
+    pairs = cv2.BFMatcher().knnMatch(codes_a, codes_b, k=2)
+    good = [best for best, second_best in pairs if best.distance < _RATIO * second_best.distance]
+    a = np.array([points_a[m.queryIdx].pt for m in good]).reshape(-1, 2)
+    b = np.array([points_b[m.trainIdx].pt for m in good]).reshape(-1, 2)
+    if len(good) < _MIN_MATCHES:
+        return None
+    cv2.setRNGSeed(0)
+    F, fits = cv2.findFundamentalMat(a, b, cv2.USAC_MAGSAC, _INLIER_PX, 0.999, 5000)
+    if F is None or fits.sum() < _MIN_MATCHES:
+        return None
+    return a[fits.ravel() > 0], b[fits.ravel() > 0]
+
+
+def _undistorted(pixels: np.ndarray, camera: Intrinsics) -> np.ndarray:
+    if camera.distortion is None:
+        return pixels
+    return cv2.undistortPoints(pixels[:, None], camera.K, np.array(camera.distortion), P=camera.K)[:, 0]
