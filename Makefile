@@ -37,7 +37,7 @@ $(VENV)/.demo: pyproject.toml constraints.txt | $(VENV)/.torch
 
 $(VENV)/.dev: pyproject.toml constraints.txt | $(VENV)/.torch
 	@echo "installing dsmap and its tests into $(VENV) (once)"
-	@$(PIP) install -q -c constraints.txt -e '.[sim,dsnet,view,dev]'
+	@$(PIP) install -q -c constraints.txt -e '.[sim,dsnet,train,view,dev]'
 	@touch $@ $(VENV)/.demo
 
 demo: $(VENV)/.demo
@@ -64,10 +64,9 @@ typecheck: $(VENV)/.dev
 	$(BIN)/pyright
 
 # Renders 240 rooms (seeds 1000..1239; the demo and the evaluations use 0..99) and 10 rooms for validation
-# (900..909), then trains DS-Net in three stages, small images first. About an hour
-# and a half on 2 free cores. The loop and the stages go on where they stopped.
+# (900..909), then trains DS-Net by the recipe `rooms`, small images first. About an hour
+# and a half on 2 free cores. The loop and the recipe go on where they stopped.
 ROOMS := runs/rooms
-STAGE := $(BIN)/dsmap train --data $(ROOMS)/train --val $(ROOMS)/val --net.dropout 0 --resume
 weights: $(VENV)/.demo
 	@for seed in $$(seq 900 909) $$(seq 1000 1239); do \
 		[ $$seed -lt 1000 ] && set=val || set=train; \
@@ -75,10 +74,8 @@ weights: $(VENV)/.demo
 		[ -e $(ROOMS)/$$set/$$seed/scene.json ] || $(BIN)/dsmap render-scene $(ROOMS)/$$set/$$seed \
 			--scene $$scene --seed $$seed --frames 20 --size 320x240 --path views --overwrite || exit; \
 	done
-	$(STAGE) --out runs/dsnet-1 --size 128 96 --steps 3000 --lr 2e-2 --augment.scale 0.9 2.4 --validate-every 1000
-	$(STAGE) --out runs/dsnet-2 --size 256 192 --steps 2200 --lr 1e-2 --warmup 50 --init runs/dsnet-1/best.safetensors
-	$(STAGE) --out runs/dsnet-3 --size 320 256 --steps 260 --lr 5e-3 --warmup 20 --ema 0.98 --init runs/dsnet-2/best.safetensors
-	cp runs/dsnet-3/best.safetensors dsnet/weights/dsnet.safetensors
+	$(BIN)/dsmap train --recipe rooms --places rooms=$(ROOMS) --out runs/dsnet --resume
+	cp runs/dsnet/best.safetensors dsnet/weights/dsnet.safetensors
 
 clean:
 	rm -rf build runs/demo *.egg-info src/*.egg-info .pytest_cache .ruff_cache

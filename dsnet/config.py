@@ -170,6 +170,12 @@ class AugmentConfig:
     """Probability of a Gaussian blur (sigma up to 1.5 px)."""
     noise: float = 0.2
     """Probability of Gaussian noise (sigma up to 12 grey levels)."""
+    copy_paste: float = 0.0
+    """Probability that an object of a rarer class, cut by its label out of another image, is pasted in."""
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.copy_paste <= 1:
+            raise InputError(f"augmentation: copy-paste is {self.copy_paste}, expected a probability")
 
 
 @dataclass(frozen=True)

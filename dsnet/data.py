@@ -31,23 +31,17 @@ class LabelledImages:
         """Images of each of the data sets that were put together, in their order."""
         self.with_depth = with_depth and data.has_depth
         self._cache: list[Example] = []
-        classes = len(data.class_names)
-        pixels, images = np.zeros((len(self.sizes), classes)), np.zeros(classes)
-        set_of = np.repeat(np.arange(len(self.sizes)), self.sizes)
+        self.fractions = np.zeros((len(data.items), len(data.class_names)), np.float32)
+        """Share of each class in the pixels of each image, shape (images, classes)."""
         cached = 0
         for i, item in enumerate(tqdm(self.items, desc="reading images", disable=not progress, leave=False)):
             example = item.read(self.with_depth)
-            counts = np.bincount(example.label.ravel(), minlength=classes)
-            pixels[set_of[i]] += counts
-            images += (counts > 0) * example.label.size
+            counts = np.bincount(example.label.ravel(), minlength=len(data.class_names))
+            self.fractions[i] = counts / example.label.size
             arrays = (example.rgb, example.label, example.depth)
             cached += sum(array.nbytes for array in arrays if array is not None)
             if cached <= cache_bytes:
                 self._cache.append(example)
-        self.set_pixels = pixels
-        """Pixels of each class in each of the sets, shape (sets, classes)."""
-        self.class_frequency = pixels.sum(axis=0) / np.maximum(images, 1)
-        """Share of each class among the pixels of the images that show it, shape (classes,)."""
 
     def __len__(self) -> int:
         return len(self.items)
@@ -61,26 +55,26 @@ class LabelledImages:
 def class_weights(
     data: LabelledImages, balance: str, shares: Sequence[float] = (), power: float = 1.0
 ) -> np.ndarray:
-    """Weight of each class in the loss, float32, shape (classes,); void and classes never seen weigh 0.
+    """Weight of each class in the loss, float32, shape (classes,); void and classes never drawn weigh 0.
 
     Args:
         balance: `inverse` ((median share over share) ^ power, at most 10; with power 1 every class counts alike,
             as in the class average), `median` (median frequency balancing of Eigen and Fergus, at most 10:
             frequent in the images that show it), `log` (1 / log(1.02 + share), ENet) or `none`.
-        shares: how often each set is drawn from; (): by its size.
+        shares: how often each set is drawn from; (): by its size. The weights are those of what is drawn.
     """
-    counts = data.set_pixels.copy()
-    counts[:, 0] = 0
-    drawn = counts.sum(axis=0)
-    if shares:
-        drawn = np.array(shares) @ (counts / np.maximum(counts.sum(axis=1, keepdims=True), 1))
+    # All images are resized to one size, so an image counts as one, whatever its own size.
+    draws = np.array(shares if shares else data.sizes, float)
+    chance = np.repeat(draws / draws.sum() / data.sizes, data.sizes)  # of an image, in each draw
+    drawn, shown = chance @ data.fractions, chance @ (data.fractions > 0)
+    drawn[0] = 0
     seen = drawn > 0
     weights = np.zeros(len(seen), np.float32)
     share = drawn[seen] / max(drawn.sum(), 1e-12)
     if balance == "inverse":
         weights[seen] = np.minimum((np.median(share) / share) ** power, 10.0)
     elif balance == "median":
-        frequency = data.class_frequency[seen]
+        frequency = drawn[seen] / shown[seen]
         weights[seen] = np.minimum(np.median(frequency) / frequency, 10.0)
     elif balance == "log":
         weights[seen] = 1 / np.log(1.02 + share)

@@ -6,6 +6,7 @@ from torch.utils.data import Dataset
 from dsmap.dsnet.augment import augment
 from dsmap.dsnet.config import AugmentConfig, TrainConfig
 from dsmap.dsnet.data import LabelledImages
+from dsmap.dsnet.paste import Donors, paste_sometimes
 from dsmap.errors import InputError
 
 
@@ -26,6 +27,7 @@ class AugmentedStream(Dataset):
     ):
         self.images, self.augmentation, self.config = images, augmentation, config
         self.with_depth = with_depth
+        self.donors = Donors(images) if augmentation.copy_paste > 0 else None
         if config.shares and len(config.shares) != len(images.sizes):
             raise InputError(
                 f"training: {len(config.shares)} shares, expected one for each of {len(images.sizes)} data sets"
@@ -36,7 +38,11 @@ class AugmentedStream(Dataset):
 
     def __getitem__(self, k: int) -> tuple[np.ndarray, ...]:
         rng = np.random.default_rng((self.config.seed, 1, k))
-        view = augment(self.images[self._image_of(k)], self.config.size, self.augmentation, rng)
+        key = (self.config.seed, 3, k)  # of its own: the rest is the same with it and without it
+        example = paste_sometimes(
+            self.images, self.donors, self._image_of(k), self.augmentation.copy_paste, key
+        )
+        view = augment(example, self.config.size, self.augmentation, rng)
         if self.with_depth and view.depth is not None:
             return view.rgb, view.label, view.depth
         return view.rgb, view.label

@@ -24,9 +24,12 @@ from dsmap.dsnet.checkpoint import WeightsInfo, load_weights, record_of, save_we
 from dsmap.dsnet.config import AugmentConfig, NetConfig, TrainConfig
 from dsmap.dsnet.data import LabelledImages, class_weights
 from dsmap.dsnet.datasets.registry import open_set, open_sets
+from dsmap.dsnet.log import Log
 from dsmap.dsnet.measure import fit_temperature, score
 from dsmap.dsnet.model import to_input
+from dsmap.dsnet.model_card import model_card
 from dsmap.dsnet.predict import DSNetSegmenter
+from dsmap.dsnet.ranks import Ranks, joined
 from dsmap.dsnet.state import State, load_checkpoint, new_state, save_checkpoint
 from dsmap.dsnet.stream import AugmentedStream
 from dsmap.errors import InputError
@@ -49,8 +52,11 @@ def train(
     device: str = "cpu",
     workers: int = 1,
     progress: bool = True,
+    log: bool = False,
+    notes: dict | None = None,
 ) -> dict:
-    """Train a network; `out` gets `best.safetensors` (calibrated), `checkpoint.safetensors`, `history.json`.
+    """Train a network; `out` gets `best.safetensors` (calibrated), `model-card.md`, `checkpoint.safetensors`,
+    `history.json`. Under torchrun, every process takes its share of each batch (see `ranks`).
 
     Args:
         data, val: data sets (see `open_set`) to train on and to validate with, of the same classes.
@@ -58,6 +64,8 @@ def train(
         init: weights to start from (fine-tuning), of the same network but for classes and depth.
         resume: go on from the checkpoint in `out`; it must be of the same configuration and data.
         workers: processes that prepare images; 0: this one.
+        log: write TensorBoard events to `out`/log, if the library is there.
+        notes: what else the weights' header shall say (command, licence).
 
     Returns:
         the record of the best validation: step, class_avg, miou, pixel_acc, temperature, ...
@@ -65,46 +73,105 @@ def train(
     Raises:
         InputError: data, weights or checkpoint are missing, damaged or do not fit; `out` is in use.
     """
-    images, held_back = read_data(data, val, net, progress)
-    net = replace(net, classes=len(images.class_names))
+    with joined(device) as ranks:
+        images, held_back = read_data(data, val, net, progress and ranks.first)
+        net = replace(net, classes=len(images.class_names))
+        run = run_record(net, augmentation, config, images)
+        state = start(out, net, config, run, init, resume, ranks)
+        stream = AugmentedStream(images, augmentation, config, with_depth=net.channels == 4)
+        loop(state, stream, held_back, out, run, ranks, workers=workers, progress=progress, log=log)
+        about = {"data": [str(path) for path in data], "val": str(val), "stages": earlier_stages(init)}
+        about |= {"seconds": round(state.seconds, 1), "device": device, "processes": ranks.world}
+        about["images_per_second"] = round(state.step * config.batch / max(state.seconds, 1e-9), 2)
+        record = (
+            finish(out, held_back, {**run, **about, **(notes or {})}, ranks.device) if ranks.first else None
+        )
+        return ranks.of_first(record)
+
+
+def run_record(
+    net: NetConfig, augmentation: AugmentConfig, config: TrainConfig, images: LabelledImages
+) -> dict:
+    """What must be the same for a run to go on, in its JSON form."""
     run = {
         "net": record_of(net),
         "augment": asdict(augmentation),
         "train": asdict(config),
         "images": len(images),
     }
-    run = json.loads(json.dumps(run))  # tuples become lists, as they come back from a file
+    return json.loads(json.dumps(run))  # tuples become lists, as they come back from a file
+
+
+def start(
+    out: Path, net: NetConfig, config: TrainConfig, run: dict, init: Path | None, resume: bool, ranks: Ranks
+) -> State:
+    """A new state, or that of the checkpoint in `out`."""
     torch.manual_seed(config.seed)
-    state = new_state(net, config, init, device)
+    state = new_state(net, config, init, ranks.device)
     checkpoint = out / "checkpoint.safetensors"
     if checkpoint.exists():
         if not resume:
             raise InputError(f"{out}: holds a training run already, expected a new folder or --resume")
         load_checkpoint(checkpoint, state, run)
+    state.model = ranks.synchronised(state.model)
+    return state
 
-    stream = AugmentedStream(images, augmentation, config, with_depth=net.channels == 4)
+
+def loop(
+    state: State,
+    stream: AugmentedStream,
+    held_back: LabelledImages,
+    out: Path,
+    run: dict,
+    ranks: Ranks,
+    *,
+    workers: int,
+    progress: bool,
+    log: bool,
+) -> None:
+    """All steps that are left, with validations and checkpoints by rank 0."""
+    config, images = stream.config, stream.images
     loader = DataLoader(
         stream,
-        batch_size=config.batch,
-        sampler=range(state.step * config.batch, config.steps * config.batch),
+        batch_size=config.batch // ranks.world,
+        sampler=ranks.samples(state.step, config.steps, config.batch),
         num_workers=workers,
     )
-    weights = torch.from_numpy(class_weights(images, config.balance, config.shares, config.balance_power)).to(
-        device
-    )
+    weights = torch.from_numpy(class_weights(images, config.balance, config.shares, config.balance_power))
+    weights = weights.to(ranks.device)
+    parallel = ranks.parallel(state.model)
+    events = Log(out / "log", state.step, log and ranks.first)
     started = time.monotonic() - state.seconds
     losses: list[float] = []
-    bar = tqdm(loader, initial=state.step, total=config.steps, unit="step", disable=not progress)
+    shown = progress and ranks.first
+    bar = tqdm(loader, initial=state.step, total=config.steps, unit="step", disable=not shown)
     for batch in bar:
-        losses.append(train_step(state, batch, weights, config, device))
+        losses.append(train_step(state, batch, weights, config, ranks.device, ranks, parallel))
+        events.step(state.step, losses[-1], learning_rate(state.step - 1, config))
         bar.set_postfix({"loss": f"{losses[-1]:.3f}", "best class_avg": f"{max(state.best, 0):.3f}"})
         if state.step % config.validate_every == 0 or state.step == config.steps:
             state.seconds = time.monotonic() - started
-            model = averaged_model(state, stream)
-            validate(state, model, held_back, out, config, float(np.mean(losses)))
-            save_checkpoint(checkpoint, state, run)
+            if ranks.first:
+                validate(
+                    state,
+                    averaged_model(state, stream),
+                    held_back,
+                    out,
+                    config,
+                    float(np.mean(losses)),
+                    events,
+                )
+                save_checkpoint(out / "checkpoint.safetensors", state, run)
             losses.clear()
-    return finish(out, held_back, run, device)
+    events.close()
+
+
+def earlier_stages(init: Path | None) -> list[dict]:
+    """What the weights that training starts from were made of, stage by stage."""
+    if init is None:
+        return []
+    _, info = load_weights(init, class_names=None)
+    return [*info.notes.get("stages", []), {k: v for k, v in info.notes.items() if k != "stages"}]
 
 
 def read_data(
@@ -136,30 +203,40 @@ def learning_rate(step: int, config: TrainConfig) -> float:
     return config.lr * 0.5 * (1 + math.cos(math.pi * done))
 
 
-def train_step(state: State, batch: list[Tensor], weights: Tensor, config: TrainConfig, device: str) -> float:
-    """One optimiser step on a batch of the stream; the loss.
+def train_step(
+    state: State,
+    batch: list[Tensor],
+    weights: Tensor,
+    config: TrainConfig,
+    device: str,
+    ranks: Ranks | None = None,
+    parallel: nn.Module | None = None,
+) -> float:
+    """One optimiser step on a batch of the stream, or on this rank's share of it; the loss of the whole batch.
 
     Args:
         batch: images, uint8 (N, H, W, 3), labels, uint8 (N, H / 2, W / 2) [, depth in metres (N, H, W)].
         weights: of the classes in the loss, shape (classes,).
+        parallel: the model that averages gradients over the ranks; None: there is one rank.
     """
-    torch.manual_seed(config.seed * 1_000_003 + state.step)  # of dropout
+    ranks = ranks or Ranks(device=device)
+    torch.manual_seed(config.seed * 1_000_003 + state.step + 7919 * ranks.rank)  # of dropout
     for group in state.optimiser.param_groups:
         group["lr"] = learning_rate(state.step, config) * group["scale"]
     images, labels, *depth = (tensor.to(device) for tensor in batch)
     labels = labels.long()
     state.model.train()
     with torch.autocast(torch.device(device).type, torch.bfloat16, enabled=config.precision == "bf16"):
-        logits = state.model(to_input(images, *depth)).float()
-    # Class-weighted mean; void weighs 0. The clamp keeps a batch without any label finite.
-    loss = F.cross_entropy(logits, labels, weight=weights, reduction="sum")
-    loss = loss / weights[labels].sum().clamp(min=1.0)
+        logits = (parallel or state.model)(to_input(images, *depth)).float()
+    # Class-weighted mean over all ranks; void weighs 0. The clamp keeps a batch without any label finite.
+    total = F.cross_entropy(logits, labels, weight=weights, reduction="sum")
+    loss = total / ranks.total(weights[labels].sum()).clamp(min=1.0)
     state.optimiser.zero_grad(set_to_none=True)
-    loss.backward()
+    (loss * ranks.world).backward()  # gradients are averaged over the ranks
     state.optimiser.step()
     state.ema.update_parameters(state.model)
     state.step += 1
-    return loss.item()
+    return ranks.total(loss).item()
 
 
 def averaged_model(state: State, stream: AugmentedStream) -> nn.Module:
@@ -181,14 +258,22 @@ def averaged_model(state: State, stream: AugmentedStream) -> nn.Module:
 
 
 def validate(
-    state: State, model: nn.Module, data: LabelledImages, out: Path, config: TrainConfig, loss: float
+    state: State,
+    model: nn.Module,
+    data: LabelledImages,
+    out: Path,
+    config: TrainConfig,
+    loss: float,
+    events: Log,
 ) -> None:
     """Score the averaged weights, keep them if they are the best so far, and note the figures."""
     net: NetConfig = model.config  # type: ignore[assignment]
     info = WeightsInfo(net, config.size, class_names=data.class_names)
-    scores = score(DSNetSegmenter(copy.deepcopy(model), info, str(next(model.parameters()).device)), data)
+    segmenter = DSNetSegmenter(copy.deepcopy(model), info, str(next(model.parameters()).device))
+    scores = score(segmenter, data)
     record = {"step": state.step, "loss": loss, "seconds": round(state.seconds, 1), **scores}
     state.history.append(record)
+    events.validation(record, segmenter, data)
     if scores["class_avg"] > state.best:
         state.best = scores["class_avg"]
         info.notes = {"validation": record}
@@ -207,4 +292,6 @@ def finish(out: Path, data: LabelledImages, run: dict, device: str) -> dict:
     scores = score(segmenter, data, calibration=True)
     info.notes = {**run, "validation": {**info.notes["validation"], **scores}}
     save_weights(path, model, info)
+    with atomic_path(out / "model-card.md") as temporary:
+        temporary.write_text(model_card(info, out.name))
     return {**info.notes["validation"], "temperature": info.temperature}

@@ -34,6 +34,10 @@ COMMANDS: dict[str, tuple[str, str]] = {
     ),
     "convert": ("dsmap.tools.convert", "Write a recording as NYU40 labels, COCO panoptic or nerfstudio."),
     "train": ("dsmap.tools.train", "Train DS-Net on sequences or on images with labels."),
+    "model-card": (
+        "dsmap.tools.model_card",
+        "Write what weights are made of, and how they validated, as a page.",
+    ),
     "validation-split": (
         "dsmap.tools.validation_split",
         "Cut a validation set out of numbered images, where no view is shared.",
