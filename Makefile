@@ -17,7 +17,7 @@ help:
 	@echo "make demo       set up, render a room, map it, label it, evaluate it; leaves everything in $(DEMO)"
 	@echo "make test       set up and run the tests (make test-slow: the long ones)"
 	@echo "make lint       ruff;  make typecheck  pyright"
-	@echo "make weights    render training rooms and train the shipped DS-Net again"
+	@echo "make weights    render rooms and train the nets that ship again (needs NYUv2: NYU=PATH)"
 
 $(VENV)/bin/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
@@ -63,19 +63,19 @@ typecheck: $(VENV)/.dev
 	@for part in kernels fusion dsnet sim_scenes tools; do ln -s $(CURDIR)/$$part build/typing/dsmap/$$part; done
 	$(BIN)/pyright
 
-# Renders 240 rooms (seeds 1000..1239; the demo and the evaluations use 0..99) and 10 rooms for validation
-# (900..909), then trains DS-Net by the recipe `rooms`, small images first. About an hour
-# and a half on 2 free cores. The loop and the recipe go on where they stopped.
+# Renders 260 scenes (seeds 1000..1259; evaluations use 0..99) and 12 for validation (900..911), then trains the nets
+# that ship, on them and on NYUv2 (the image folder or the .mat file, which you must have: NYU=PATH). Everything goes
+# on where it stopped. About two hours and a half on 2 free cores.
 ROOMS := runs/rooms
+NYU ?= data/nyuv2_13_train
+VIEWS := --scene mix --path views --size 320x240 --effects mild
 weights: $(VENV)/.demo
-	@for seed in $$(seq 900 909) $$(seq 1000 1239); do \
-		[ $$seed -lt 1000 ] && set=val || set=train; \
-		[ $$((seed % 2)) = 0 ] && scene=living_room || scene=bedroom; \
-		[ -e $(ROOMS)/$$set/$$seed/scene.json ] || $(BIN)/dsmap render-scene $(ROOMS)/$$set/$$seed \
-			--scene $$scene --seed $$seed --frames 20 --size 320x240 --path views --overwrite || exit; \
+	$(BIN)/dsmap render-scene $(ROOMS)/val $(VIEWS) --count 12 --seed 900 --frames 12
+	$(BIN)/dsmap render-scene $(ROOMS)/train $(VIEWS) --count 260 --seed 1000 --frames 14
+	for net in dsnet dsnet-l; do \
+		$(BIN)/dsmap train --recipe $$net-nyuv2 --places rooms=$(ROOMS) nyu=$(NYU) --out runs/$$net --resume && \
+		cp runs/$$net/best.safetensors dsnet/weights/$$net.safetensors || exit; \
 	done
-	$(BIN)/dsmap train --recipe rooms --places rooms=$(ROOMS) --out runs/dsnet --resume
-	cp runs/dsnet/best.safetensors dsnet/weights/dsnet.safetensors
 
 clean:
 	rm -rf build runs/demo *.egg-info src/*.egg-info .pytest_cache .ruff_cache
