@@ -34,6 +34,10 @@ COMMANDS: dict[str, tuple[str, str]] = {
     ),
     "convert": ("dsmap.tools.convert", "Write a recording as NYU40 labels, COCO panoptic or nerfstudio."),
     "train": ("dsmap.tools.train", "Train DS-Net on sequences or on images with labels."),
+    "experiment": (
+        "dsmap.tools.experiment",
+        "The paper's experiments: CIFAR-10, VOC 2012, NYUv2, rendered data.",
+    ),
     "validation-split": (
         "dsmap.tools.validation_split",
         "Cut a validation set out of numbered images, where no view is shared.",
