@@ -2,25 +2,18 @@
 
 import json
 
-import cv2
 import numpy as np
 import pytest
+from experiment_data import write_cifar, write_labelled, write_voc
 
 torch = pytest.importorskip("torch")
 
-from dsmap.dsnet import classify  # noqa: E402
-from dsmap.dsnet.classify import ClassifyConfig, shift_and_flip, train_classifier  # noqa: E402
-from dsmap.dsnet.config import ClassifierConfig, DSNetConfig  # noqa: E402
-from dsmap.dsnet.datasets.cifar import CIFAR_CLASSES, ClassifiedImages  # noqa: E402
 from dsmap.dsnet.experiments.cells import Cell, run_cells, write_table  # noqa: E402
 from dsmap.dsnet.experiments.cifar import compare, sentence  # noqa: E402
 from dsmap.dsnet.experiments.nyuv2 import LITERATURE, TABLE4_ORDER  # noqa: E402
 from dsmap.dsnet.experiments.voc_view import voc_view  # noqa: E402
 from dsmap.errors import InputError  # noqa: E402
 from dsmap.tools import cli  # noqa: E402
-
-NET = ClassifierConfig(DSNetConfig(layers=2, growth=4, widths=(8, 8, 8, 8), classes=10, dropout=0.1), 2)
-CONFIG = ClassifyConfig(epochs=3, batch=20, lr=0.1)
 
 
 @pytest.fixture(autouse=True)
@@ -32,117 +25,12 @@ def one_thread():
     torch.set_num_threads(threads)
 
 
-def coloured(count=200, seed=0):
-    """Images whose colour tells the class."""
-    rng = np.random.default_rng(seed)
-    labels = (np.arange(count) % 10).astype(np.uint8)
-    palette = np.random.default_rng(9).integers(0, 256, (10, 3))
-    images = palette[labels][:, None, None] + rng.normal(0, 20, (count, 32, 32, 3))
-    return ClassifiedImages(np.clip(images, 0, 255).astype(np.uint8), labels)
-
-
-def write_cifar(path, count=200):
-    data = coloured(count)
-    for k, (image, label) in enumerate(zip(data.images, data.labels, strict=True)):
-        folder = path / "train" / CIFAR_CLASSES[label]
-        folder.mkdir(parents=True, exist_ok=True)
-        cv2.imwrite(str(folder / f"{k:04}.png"), image[..., ::-1])
-    return path
-
-
-def write_voc(path, count=10, official=False):
-    rng = np.random.default_rng(0)
-    for name in ("JPEGImages", "SegmentationClassAug"):
-        (path / name).mkdir(parents=True)
-    for k in range(count):
-        mask = np.zeros((40, 50), np.uint8)
-        mask[10:30, 5:40] = 1 + k % 3
-        mask[0] = 255
-        image = np.clip(60 * (mask[..., None] % 4) + rng.normal(0, 9, (40, 50, 3)), 0, 255).astype(np.uint8)
-        cv2.imwrite(str(path / "JPEGImages" / f"i{k}.jpg"), image)
-        cv2.imwrite(str(path / "SegmentationClassAug" / f"i{k}.png"), mask)
-    if official:
-        lists = path / "ImageSets" / "Segmentation"
-        lists.mkdir(parents=True)
-        (lists / "val.txt").write_text("i0\ni1\n")
-    return path
-
-
-def write_labelled(path, numbers, size=(48, 64)):
-    """rgb/ and label/ of the 13 classes."""
-    rng = np.random.default_rng(1)
-    for name in ("rgb", "label"):
-        (path / name).mkdir(parents=True)
-    for number in numbers:
-        label = np.full(size, 12, np.uint8)
-        label[size[0] // 2 :] = rng.choice([1, 5, 9])
-        image = np.clip(18 * label[..., None] + rng.normal(0, 5, (*size, 3)), 0, 255).astype(np.uint8)
-        cv2.imwrite(str(path / "rgb" / f"{number:04}.png"), image)
-        cv2.imwrite(str(path / "label" / f"{number:04}.png"), label)
-    return path
-
-
 @pytest.fixture(scope="module")
 def nyu(tmp_path_factory):
     from dsmap.dsnet.datasets.splits import validation_numbers
 
     held_back = sorted(validation_numbers())[:3]
     return write_labelled(tmp_path_factory.mktemp("nyu") / "set", [1, 2, 3, 4, *held_back])
-
-
-def test_an_image_is_shifted_and_mirrored_whole():
-    images = coloured(6).images
-    rng = np.random.default_rng(0)
-    np.testing.assert_array_equal(shift_and_flip(images, 0, 0.0, rng), images)
-    np.testing.assert_array_equal(shift_and_flip(images, 0, 1.0, rng), images[:, :, ::-1])
-    moved = shift_and_flip(images, 4, 0.0, np.random.default_rng(1))
-    down, right = np.random.default_rng(1).integers(0, 9, (2, 6))
-    for image, result, y, x in zip(images, moved, down, right, strict=True):
-        np.testing.assert_array_equal(
-            result, np.pad(image, ((4, 4), (4, 4), (0, 0)), constant_values=127)[y:, x:][:32, :32]
-        )
-
-
-def test_a_classifier_learns(tmp_path):
-    config = ClassifyConfig(epochs=5, batch=20, lr=0.1, amp=False)
-    result = train_classifier(
-        NET, coloured(), coloured(50, 1), config, tmp_path / "c.safetensors", progress=False
-    )
-    assert result["accuracy"] > 0.5 and result["history"][-1]["loss"] < result["history"][0]["loss"]
-    assert result["accuracy"] == result["history"][-1]["accuracy"] and len(result["history"]) == 5
-
-
-@pytest.mark.parametrize("amp", [False, True])
-def test_a_killed_classifier_goes_on_as_if_nothing_had_happened(tmp_path, monkeypatch, amp):
-    def run(path):
-        config = ClassifyConfig(epochs=3, batch=20, lr=0.1, amp=amp)
-        result = train_classifier(NET, coloured(), coloured(50, 1), config, path, progress=False)
-        return result["history"]
-
-    whole = run(tmp_path / "whole.safetensors")
-    train_epoch = classify._train_epoch
-
-    def killed(model, optimiser, images, config, epoch):
-        if epoch == 2:
-            raise KeyboardInterrupt
-        return train_epoch(model, optimiser, images, config, epoch)
-
-    monkeypatch.setattr(classify, "_train_epoch", killed)
-    with pytest.raises(KeyboardInterrupt):
-        run(tmp_path / "cut.safetensors")
-    monkeypatch.undo()
-    assert run(tmp_path / "cut.safetensors") == whole
-    with pytest.raises(InputError, match=r"settings of this run was .*expected as now"):
-        train_classifier(
-            NET, coloured(), coloured(50), ClassifyConfig(epochs=9, batch=20), tmp_path / "cut.safetensors"
-        )
-
-
-def test_too_few_images_are_named(tmp_path):
-    with pytest.raises(
-        InputError, match="7 images to train on and 0 to measure with, expected at least 20 and 1"
-    ):
-        train_classifier(NET, coloured(7), coloured(0), CONFIG, tmp_path / "c.safetensors")
 
 
 def test_a_finished_cell_is_not_computed_again(tmp_path):
