@@ -17,12 +17,12 @@ CANNOT_SHOW: dict[str, str] = {
     "not the accuracy after long training, nor whether the larger ones overfit, as the paper says of L = 5",
     "cifar-deconvnet": "6 epochs, VGG-16 at a quarter of its channels, no dropout: shows the early epochs; not "
     "which encoder is better in the end, nor the original's 15 million parameters",
-    "voc-lk": "200 images at 128x128 for 150 steps: shows that every network of the table trains and is scored; "
+    "voc-lk": "200 images at 128x128 for 400 steps: shows that every network of the table trains and is scored; "
     "not their order, which lies far below the noise there",
-    "voc-nyu": "200 images of VOC for 150 steps and NYUv2 for 300, all at 128x128: shows that the recipe runs; "
+    "voc-nyu": "200 images of VOC for 400 steps and NYUv2 for 800, all at 128x128: shows that the recipe runs; "
     "not what VOC is worth",
     "nyuv2": "50 images, evenly spread: a glimpse; quote the full setting only",
-    "rendered-curve": "40 recordings for 200 steps, NYUv2 for 300, at 160x128: shows the direction at most; not "
+    "rendered-curve": "40 recordings for 500 steps, NYUv2 for 500, at 160x128: shows the direction at most; not "
     "how far rendered data reach in long training",
 }
 """What the setting `small` is, and what it cannot show."""

@@ -232,7 +232,7 @@ def _finish(out: Path, name: str, setting: CifarSetting, table: dict[str, dict],
         ]
         for cell, entry in table.items()
     ]
-    columns = ("network", "accuracy [%]", "standard error", "runs", "parameters", "images/s trained")
+    columns = ("network", "accuracy [%]", "standard error", "runs", "parameters", "images/s a core")
     table_text = write_table(out, columns, rows)
     results = {"experiment": name, "setting": asdict(setting), "cells": table, **more}
     write_json(out / "results.json", results)

@@ -98,9 +98,9 @@ class CurveSetting:
     cells: tuple[str, ...] = ()
 
 
-_TINY = TrainConfig(steps=200, batch=8, size=(160, 128), warmup=20, validate_every=200, ema=0.97)
+_TINY = TrainConfig(steps=500, batch=8, size=(160, 128), warmup=50, validate_every=500)
 CURVE_SETTINGS = {
-    "small": CurveSetting(_TINY, replace(_TINY, steps=300, validate_every=300), recordings=40),
+    "small": CurveSetting(_TINY, _TINY, recordings=40),
     "full": CurveSetting(
         TrainConfig(steps=8000, size=(320, 256), validate_every=2000),
         TrainConfig(steps=8000, size=(320, 256), lr=5e-3, validate_every=1000),

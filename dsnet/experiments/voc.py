@@ -46,10 +46,10 @@ class VocSetting:
     """Only these cells of the table; none: all."""
 
 
-_TINY = TrainConfig(steps=150, batch=8, size=(128, 128), warmup=20, validate_every=150, ema=0.97)
+_TINY = TrainConfig(steps=400, batch=8, size=(128, 128), warmup=40, validate_every=400)
 SETTINGS = {
     "small": VocSetting(
-        _TINY, replace(_TINY, steps=300, validate_every=300), images=200, val_images=40, deconvnet_width=0.125
+        _TINY, replace(_TINY, steps=800, validate_every=800), images=200, val_images=40, deconvnet_width=0.125
     ),
     "full": VocSetting(
         TrainConfig(steps=33_000, batch=16, size=(512, 512), warmup=500, validate_every=3300),
