@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from conftest import shared_data
 from experiment_data import write_cifar, write_labelled, write_voc
 
 torch = pytest.importorskip("torch")
@@ -148,6 +149,16 @@ def test_voc_table_and_its_baselines(tmp_path, capsys):
     assert results["cells"]["L3K8"]["history"][-1]["step"] == 1
     assert cli.run("experiment", [*command, "--cells", "L3K8"]) == 0
     assert "L3K8: there already" in capsys.readouterr().out
+
+
+@pytest.mark.slow
+def test_voc_sample_of_the_real_data(tmp_path):
+    out = tmp_path / "out"
+    command = ["voc-lk", "--data", str(shared_data("voc2012_60")), "--out", str(out), "--workers", "0"]
+    assert cli.run("experiment", [*command, "--steps", "2", "--cells", "L3K8"]) == 0
+    results = json.loads((out / "results.json").read_text())
+    assert results["data"] == {"train_images": 48, "val_images": 12, "official_val": False}
+    assert 0 <= results["cells"]["L3K8"]["miou"] <= 1
 
 
 def test_recipe_by_way_of_voc(tmp_path, nyu, capsys):
