@@ -19,7 +19,7 @@ PLAIN = Args(Path("SEQ"), Path("RUN"))
 CALL = ["SEQ", "--out", "RUN"]
 NOT_COMPUTED = {
     *("path", "out", "config", "overwrite", "resume", "localize_in", "extend", "checkpoint_every"),
-    *("device", "start", "stop", "pictures", "save_probabilities"),  # where and how much, not what
+    *("device", "engine", "start", "stop", "pictures", "save_probabilities"),  # where and how much, not what
     *("weights", "label_noise", "label_noise_kind", "seed", "intrinsics", "depth_scale"),  # of one recording
     *("loops", "label_fusion", "segment_every"),  # short for loop.mode, labels.rule, labels.every
 }

@@ -38,6 +38,10 @@ COMMANDS: dict[str, tuple[str, str]] = {
         "dsmap.tools.model_card",
         "Write what weights are made of, and how they validated, as a page.",
     ),
+    "experiment": (
+        "dsmap.tools.experiment",
+        "The paper's experiments: CIFAR-10, VOC 2012, NYUv2, rendered data.",
+    ),
     "validation-split": (
         "dsmap.tools.validation_split",
         "Cut a validation set out of numbered images, where no view is shared.",
