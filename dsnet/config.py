@@ -187,7 +187,10 @@ class TrainConfig:
     batch: int = 16
     """Images a step."""
     size: tuple[int, int] = (448, 448)
-    """Width and height of training images [px], multiples of 32; also the weights' working size."""
+    """Width and height of training images [px], multiples of 32."""
+    working_size: tuple[int, int] | None = None
+    """Width and height [px] of the whole images that are validated and that the weights are for; default: `size`.
+    Where training zooms in, things look larger than in whole images of the same size: a larger one fits better."""
     lr: float = 1e-2
     """Peak learning rate of AdamW."""
     weight_decay: float = 1e-2
@@ -215,8 +218,9 @@ class TrainConfig:
     """Of initial weights, order, augmentation and dropout."""
 
     def __post_init__(self) -> None:
-        if any(side % 32 or side < 32 for side in self.size):
-            raise InputError(f"training: size is {self.size}, expected multiples of 32")
+        for size in (self.size, self.working_size or self.size):
+            if any(side % 32 or side < 32 for side in size):
+                raise InputError(f"training: size is {size}, expected multiples of 32")
         if (
             min(self.steps, self.batch, self.validate_every) < 1
             or min(self.lr, self.init_lr) <= 0

@@ -268,7 +268,7 @@ def validate(
 ) -> None:
     """Score the averaged weights, keep them if they are the best so far, and note the figures."""
     net: NetConfig = model.config  # type: ignore[assignment]
-    info = WeightsInfo(net, config.size, class_names=data.class_names)
+    info = WeightsInfo(net, config.working_size or config.size, class_names=data.class_names)
     segmenter = DSNetSegmenter(copy.deepcopy(model), info, str(next(model.parameters()).device))
     scores = score(segmenter, data)
     record = {"step": state.step, "loss": loss, "seconds": round(state.seconds, 1), **scores}

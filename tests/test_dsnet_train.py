@@ -264,3 +264,11 @@ def test_the_command_trains_resumes_and_names_bad_input(images, tmp_path, capsys
     assert cli.run("train", [*argv, "--resume"]) == 0
     assert cli.run("train", ["--data", str(tmp_path), *argv[2:], "--resume"]) == 2
     assert "no labelled image" in capsys.readouterr().err
+
+
+def test_weights_may_work_at_another_size_than_they_were_trained_at(images, tmp_path):
+    config = dataclasses.replace(CONFIG, steps=2, validate_every=2, working_size=(96, 64))
+    run(images, tmp_path / "run", config)
+    assert load_weights(tmp_path / "run" / "best.safetensors")[1].size == (96, 64)
+    with pytest.raises(InputError, match="multiples of 32"):
+        dataclasses.replace(CONFIG, working_size=(100, 64))

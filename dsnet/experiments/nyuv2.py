@@ -98,9 +98,9 @@ class CurveSetting:
     cells: tuple[str, ...] = ()
 
 
-_TINY = TrainConfig(steps=500, batch=8, size=(160, 128), warmup=50, validate_every=500)
+_TINY = TrainConfig(steps=600, size=(160, 128), warmup=50, validate_every=600, lr=1.5e-2, precision="bf16")
 CURVE_SETTINGS = {
-    "small": CurveSetting(_TINY, _TINY, recordings=40),
+    "small": CurveSetting(_TINY, _TINY),
     "full": CurveSetting(
         TrainConfig(steps=8000, size=(320, 256), validate_every=2000),
         TrainConfig(steps=8000, size=(320, 256), lr=5e-3, validate_every=1000),
