@@ -21,10 +21,12 @@ from dsmap.fusion.loop_checks import Overlap, explained_rms, objection, overlap,
 from dsmap.fusion.loop_constraints import ClosedLoops, constraints
 from dsmap.fusion.loop_record import LoopRecord, Moment
 from dsmap.fusion.relocalise import Relocaliser
+from dsmap.fusion.sweep import swept
 from dsmap.fusion.tracker import Health, ModelView, Tracker
 from dsmap.fusion.trajectory import TrajectoryPoint, extrapolated, poses_of, way
 from dsmap.fusion.views import Views
 from dsmap.kernels.deform import INFLUENCES
+from dsmap.kernels.preprocess import intensity_map
 from dsmap.kernels.reactivate import reactivate
 from dsmap.kernels.types import FrameMaps
 
@@ -35,6 +37,8 @@ _MIN_STRIP = 0.004
 _LEAST_DRIFT = 0.05
 """Drift [m] that is likely after no way at all."""
 _NEVER = -(10**9)
+_TURNED = 3
+"""So many of the guesses that were turned to where a lost frame fits are verified."""
 _TIGHT = 0.5
 """Share of `negligible` by which a second registration may move the camera, and by which a strip of surface that
 comes into view may lie beside the active one."""
@@ -93,11 +97,13 @@ class LoopCloser:
     ) -> np.ndarray | None:
         """T_world_camera of a frame that tracking lost, found in the whole map, or None.
 
-        Sought where the last motion would have led, then by keyframes.
+        Sought where the last motion would have led, turned to where the frame fits; then by keyframes.
         """
         small = small_view(frame[0].colour.numpy(), frame[0].vertex.numpy()[..., 2], self.ferns.size)
         candidates = self.ferns.candidates(self.ferns.encode(small), time, min_age=0)
-        guesses = extrapolated(trajectory)
+        likely = extrapolated(trajectory)
+        turned = swept(frame[-1], self.views.cameras[-1], likely, self._coarse)[:_TURNED]
+        guesses = [*turned, *likely[:1]]
         found = self._relocaliser.relocalise(frame, small, candidates, self._whole, guesses)
         return None if found is None else found.T_world_camera
 
@@ -250,6 +256,13 @@ class LoopCloser:
 
     def _render_inactive(self, T_world_camera: np.ndarray, t_active: int) -> None:
         self.views.render(T_world_camera, self._inactive, level=self.level, t_max=t_active - 1)
+
+    def _coarse(self, T_world_camera: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The whole map on the coarsest level: intensity, and where there is a surface."""
+        last = len(self.views.cameras) - 1
+        maps = self.views.empty(last)
+        self.views.render(T_world_camera, maps, level=last)
+        return intensity_map(maps.colour).numpy(), maps.vertex.numpy()[..., 2] > 0
 
     def _whole(self, T_world_camera: np.ndarray, **window: int) -> ModelView:
         maps = self.views.empty()

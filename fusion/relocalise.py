@@ -156,7 +156,7 @@ class Relocaliser:
             return f"point-to-plane RMS {health.rms_icp * 1e3:.1f} mm"
         vertex, _, intensity, _ = predict_at(T).levels[0]
         found = agreement(maps[0], vertex, intensity, config)
-        reason = disagreement(found, config)
+        reason = disagreement(found, replace(config, max_seen_through=config.max_seen_through_lost))
         return reason or Relocation(T, keyframe, similarity, health, found)
 
     def _imagined(self, model: ModelView) -> Keyframe:

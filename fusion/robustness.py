@@ -1,11 +1,17 @@
-"""Scoring a trial that tries to lose the camera: how long was it lost, and was it ever believed in a wrong place."""
+"""Scoring a trial that tries to lose the camera: how long was it lost, and was it ever believed in a wrong place.
+
+Was there anything to be found by? A camera that comes back looking at what was never mapped cannot be found by
+anyone. Such a trial is not passed either, but it is told apart.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from dsmap.frame import Frame
 from dsmap.fusion.lie import inverse, rotation_angle
+from dsmap.fusion.mapper import Mapper
 
 WRONG_M, WRONG_DEG = 0.05, 3.0
 """A tracked pose further off than this is wrong [m, deg]."""
@@ -13,6 +19,8 @@ WITHIN_S = 1.0
 """A camera that is lost has to be found within this time [s] of being able to see."""
 FAST_DEG_S = 120.0
 """Rotation from which a motion counts as fast [deg/s]."""
+IN_VIEW = 0.25
+"""A frame of which the map shows less than this share cannot be found: the verdict's own gate (min_overlap)."""
 _LEAP_M, _LEAP_DEG = 0.25, 15.0
 """No hand carries a camera this far between two frames: it was lifted and put down elsewhere."""
 
@@ -40,11 +48,18 @@ class TrialScore:
     """All poses believed that are wrong; drift counts too."""
     worst_m: float
     """Largest error of a pose that was believed [m]."""
+    in_view: float = 1.0
+    """Largest share of a lost frame that the map shows, in the first WITHIN_S of the longest loss; 1 if none."""
 
     @property
     def passed(self) -> bool:
         """Never wrong, and never lost for longer than WITHIN_S."""
         return self.wrong == 0 and self.longest_lost_s <= WITHIN_S
+
+    @property
+    def hopeless(self) -> bool:
+        """Not passed, but never wrong either: when the camera could see again, it saw too little of the map."""
+        return self.wrong == 0 and not self.passed and self.in_view < IN_VIEW
 
 
 def score_trial(
@@ -54,6 +69,7 @@ def score_trial(
     relocalised: Sequence[bool],
     blind: np.ndarray,
     fps: float,
+    in_view: np.ndarray | None = None,
 ) -> TrialScore:
     """Score the frames of one trial; the worlds are made one by the first frame.
 
@@ -61,6 +77,7 @@ def score_trial(
         true, estimated: T_world_camera, shape (K, 4, 4).
         tracked, relocalised: what the mapper said of each frame, shape (K,).
         blind: frames without an image, bool, shape (K,).
+        in_view: share of every lost frame that the map shows from its true pose (`share_in_view`), shape (K,).
     """
     T_true_estimated = true[0] @ inverse(estimated[0])
     off = [inverse(a) @ T_true_estimated @ b for a, b in zip(true, estimated, strict=True)]
@@ -72,24 +89,42 @@ def score_trial(
     believed, found = np.asarray(tracked, bool), np.asarray(relocalised, bool)
     wrong = believed & ((distance > WRONG_M) | (angle > WRONG_DEG))
     lost = ~believed & ~blind
+    rows = _longest(lost, blind)
+    early = rows[: int(WITHIN_S * fps)]
     return TrialScore(
         frames=len(true),
         blind=int(blind.sum()),
         leaps=int(leaps.sum()),
         fast_s=float(np.count_nonzero(~leaps & (turned * fps >= FAST_DEG_S)) / fps),
         lost=int(lost.sum()),
-        longest_lost_s=_longest(lost, blind) / fps,
+        longest_lost_s=len(rows) / fps,
         relocalised=int(found.sum()),
         wrong_relocalised=int((found & wrong).sum()),
         wrong=int(wrong.sum()),
         worst_m=float(distance[believed].max(initial=0.0)),
+        in_view=1.0 if in_view is None or not early else float(np.max(in_view[early])),
     )
 
 
-def _longest(lost: np.ndarray, blind: np.ndarray) -> int:
-    """Most lost frames in a row; blind ones neither count nor end a row."""
-    longest = row = 0
-    for is_lost, is_blind in zip(lost, blind, strict=True):
-        row = row if is_blind else (row + 1 if is_lost else 0)
-        longest = max(longest, row)
+def share_in_view(mapper: Mapper, frame: Frame, T_world_camera: np.ndarray) -> float:
+    """Share of a frame's depth image that the map shows from a pose, its true one, at the same depth."""
+    config, width = mapper.config, mapper.camera.width
+    maps = mapper.views.empty()
+    mapper.views.render(T_world_camera, maps)
+    skip = max(width // 320, 1)
+    z, model = frame.depth[::skip, ::skip], maps.vertex.numpy()[::skip, ::skip, 2]
+    valid = (z > config.depth_min) & (z < config.depth_max)
+    slack = config.relocalise.slack + config.relocalise.slack_z2 * z * z
+    shown = valid & (model > 0) & (np.abs(model - z) < slack)
+    return float(np.count_nonzero(shown) / max(np.count_nonzero(valid), 1))
+
+
+def _longest(lost: np.ndarray, blind: np.ndarray) -> list[int]:
+    """The longest row of lost frames; blind ones neither count nor end a row."""
+    longest: list[int] = []
+    row: list[int] = []
+    for frame, (is_lost, is_blind) in enumerate(zip(lost, blind, strict=True)):
+        if not is_blind:
+            row = [*row, frame] if is_lost else []
+        longest = row if len(row) > len(longest) else longest
     return longest

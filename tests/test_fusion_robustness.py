@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from test_kernels_odometry import INTRINSICS, room
 
 from dsmap.frame import Frame
 from dsmap.fusion.config import FernConfig, MapConfig
@@ -11,7 +12,7 @@ from dsmap.fusion.ferns import FernDatabase, small_size, small_view
 from dsmap.fusion.lie import exp_se3, exp_so3, inverse, rotation_angle
 from dsmap.fusion.mapper import LEVELS, Mapper
 from dsmap.fusion.relocalise import Relocaliser
-from dsmap.fusion.robustness import score_trial
+from dsmap.fusion.robustness import score_trial, share_in_view
 from dsmap.fusion.tracker import ModelView
 from dsmap.kernels.predict import predict_model
 from dsmap.kernels.preprocess import clean_depth, intensity_map, preprocess
@@ -53,6 +54,34 @@ def test_time_to_recover_counts_from_when_the_camera_can_see():
     assert seen_again.longest_lost_s == pytest.approx(0.5) and seen_again.passed
     assert not score(true, true, lost=range(30, 100), blind=covered).passed
     assert score(true, true, lost=range(20, 40)).longest_lost_s == pytest.approx(20 / 30)
+
+
+def test_a_trial_in_which_nothing_mapped_came_into_view_is_told_apart():
+    true, seen = walk(120), np.ones(120)
+    frames = range(120)
+    tracked, blind = [i < 30 for i in frames], np.array([30 <= i < 60 for i in frames])
+    seen[60:] = np.linspace(0.2, 0.0, 60)
+    seen[95] = 0.9  # later than a second after it could see
+
+    def scored():
+        return score_trial(true, true, tracked, [False] * 120, blind, 30.0, seen)
+
+    assert scored().in_view == pytest.approx(0.2) and scored().hopeless and not scored().passed
+    seen[70] = 0.3
+    assert not scored().hopeless and not scored().passed
+    assert score(true, true).in_view == 1 and not score(true, true).hopeless
+
+
+def test_share_of_a_frame_that_the_map_shows():
+    mapper = Mapper(MapConfig(depth_max=6.0, poses="given"), INTRINSICS)
+    for i in range(3):
+        mapper.step(Frame(i, i / 30, *room(np.eye(4)), np.eye(4)))
+    here = Frame(3, 0.1, *room(np.eye(4)))
+    assert share_in_view(mapper, here, np.eye(4)) > 0.9
+    aside = exp_se3(np.array([0, 0, 0, 0, -0.5, 0]))
+    assert 0.05 < share_in_view(mapper, Frame(3, 0.1, *room(aside)), aside) < 0.7
+    before = Frame(3, 0.1, here.rgb, here.depth - np.float32(0.3))
+    assert share_in_view(mapper, before, np.eye(4)) < 0.1, "something stands before it"
 
 
 def test_fast_turns_and_leaps_are_recognised():
