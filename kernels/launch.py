@@ -20,6 +20,7 @@ operation which does not depend on order (min, or a sum in row order). So result
 number of cores.
 """
 
+import copy
 import functools
 import os
 from collections.abc import Sequence
@@ -164,11 +165,23 @@ def _run(
     kernel: Any, parts: Sequence[tuple[Slice, Any]], inputs: Sequence, outputs: Sequence, device: Any
 ) -> None:
     _load(kernel.module, wp.get_device(device).alias)
-
-    def one(part: Slice, dim: Any) -> None:
-        wp.launch(kernel, dim=dim, inputs=[part, *inputs], outputs=list(outputs), device=device)
-
-    waiting = [_pool().submit(one, part, dim) for part, dim in parts[1:]]
-    one(*parts[0])
+    part, dim = parts[0]
+    inputs, outputs = [part, *inputs], list(outputs)
+    if len(parts) == 1:
+        wp.launch(kernel, dim=dim, inputs=inputs, outputs=outputs, device=device)
+        return
+    # The arguments, packed once for all slices: that costs about as much as a small kernel.
+    own = wp.launch(kernel, dim=dim, inputs=inputs, outputs=outputs, device=device, record_cmd=True)
+    waiting = [_pool().submit(_like(own, part, dim).launch) for part, dim in parts[1:]]
+    own.launch()
     for future in waiting:
         future.result()
+
+
+def _like(launch: Any, part: Slice, dim: Any) -> Any:
+    """A recorded CPU launch with another slice and dimension."""
+    other = copy.copy(launch)
+    other.params, other.fwd_args = list(launch.params), list(launch.fwd_args)
+    other.set_dim(dim)
+    other.set_param_at_index(0, part)
+    return other
