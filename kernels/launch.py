@@ -23,7 +23,7 @@ number of cores.
 import copy
 import functools
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
@@ -61,6 +61,14 @@ def num_threads() -> int:
 @functools.cache
 def _pool() -> ThreadPoolExecutor:
     return ThreadPoolExecutor(max_workers=num_threads(), thread_name_prefix="dsmap-launch")
+
+
+def together(first: Callable[[], Any], second: Callable[[], Any], device: Any) -> tuple[Any, Any]:
+    """The results of two functions that launch no kernels; on a CPU the second runs beside the first."""
+    if wp.get_device(device).is_cuda:
+        return first(), second()
+    waiting = _pool().submit(second)
+    return first(), waiting.result()
 
 
 def num_slices(device: Any) -> int:

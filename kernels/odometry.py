@@ -182,10 +182,9 @@ def _gradient(
         inside = x > 0 and y > 0 and x < width - 1 and y < height - 1
         if inside and masked != 0:
             # A hole has no colour: its border would be the strongest gradient of the image.
-            above = wp.min(wp.min(vertex[y - 1, x - 1][2], vertex[y - 1, x][2]), vertex[y - 1, x + 1][2])
-            here = wp.min(wp.min(vertex[y, x - 1][2], vertex[y, x][2]), vertex[y, x + 1][2])
-            below = wp.min(wp.min(vertex[y + 1, x - 1][2], vertex[y + 1, x][2]), vertex[y + 1, x + 1][2])
-            inside = wp.min(above, wp.min(here, below)) > 0.0
+            for k in range(9):
+                if vertex[y - 1 + k / 3, x - 1 + k % 3][2] <= 0.0:
+                    inside = False
         if inside:
             ne, nw = intensity[y - 1, x + 1], intensity[y - 1, x - 1]
             se, sw = intensity[y + 1, x + 1], intensity[y + 1, x - 1]
