@@ -23,6 +23,7 @@ number of cores.
 import copy
 import functools
 import os
+import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
@@ -163,10 +164,14 @@ def _numbers(count: int, device: str) -> wp.array:
     return wp.array(np.arange(count, dtype=np.int32), device=device)
 
 
+_loading = threading.Lock()
+
+
 @functools.cache
 def _load(module: Any, device: str) -> None:
     # Before the slices start: two threads that find a module unloaded would both compile it.
-    module.load(wp.get_device(device))
+    with _loading:
+        module.load(wp.get_device(device))
 
 
 def _run(
