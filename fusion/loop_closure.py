@@ -113,6 +113,8 @@ class LoopCloser:
         self._reactivate(T_world_camera, frame[self.level].vertex, time, t_active)
 
     def _local(self, now: Moment) -> bool:
+        if self.views.visible(now.T_world_camera, now.t_active - 1).shape[0] == 0:
+            return False  # nothing inactive is near: the usual case costs no view
         self._render_inactive(now.T_world_camera, now.t_active)
         seen = overlap(now.view.levels[self.level], (self._inactive.vertex,))
         if seen.both < _MIN_STRIP:

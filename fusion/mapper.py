@@ -107,12 +107,26 @@ class Mapper:
         self.blocks.forget()
         self.integrator.sweep = Sweep(surfels, self.blocks)
 
-    def step(self, frame: Frame) -> StepResult:
-        """Process one frame: preprocess, track, mask, associate, fuse, clean up, segment, label, predict, loops."""
-        self._clock = {}
+    def prepare(self, frame: Frame) -> list[FrameMaps]:
+        """The frame's maps for `step`, finest first; touches nothing of the mapper, so any thread may do it.
+
+        Raises:
+            InputError: the frame has not the camera's size.
+        """
+        return preprocess(frame.rgb, self._checked_depth(frame), self.cameras, self.device)
+
+    def step(
+        self, frame: Frame, maps: list[FrameMaps] | None = None, *, waited_ms: float = 0.0
+    ) -> StepResult:
+        """Process one frame: preprocess, track, mask, associate, fuse, clean up, segment, label, predict, loops.
+
+        maps: of `prepare`, changed; None prepares them now. waited_ms: for them, counted as `preprocess`.
+        """
+        self._clock = {"preprocess": waited_ms}
         result = StepResult(self.T_world_camera, False, None, "", 0, False, stages_ms=self._clock)
-        with self._stage("preprocess"):
-            maps = preprocess(frame.rgb, self._checked_depth(frame), self.cameras, self.device)
+        if maps is None:
+            with self._stage("preprocess"):
+                maps = self.prepare(frame)
         with self._stage("track"):
             self._locate(frame, maps, result)
         self.trajectory.append(

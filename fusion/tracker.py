@@ -14,8 +14,8 @@ from dsmap.kernels.odometry import Gates, gradient, joint_normal_equations
 from dsmap.kernels.preprocess import half_surface
 from dsmap.kernels.types import FrameMaps
 
-_CONVERGED = 3e-5
-"""A step below this (metres and radians alike) ends a level: a sixtieth of a pixel at 1 m."""
+_CONVERGED = 1e-4
+"""A step below this (metres and radians alike) ends a level: a twentieth of a pixel at 1 m."""
 _DARK, _BRIGHT = 0.02, 0.98
 """Intensities beyond these tell nothing about exposure."""
 _MIN_SHARED = 0.05

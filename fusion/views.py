@@ -45,13 +45,16 @@ class Views:
     def surfels(self) -> SurfelMap:
         return self.blocks.surfels
 
-    def visible(self, T_world_camera: np.ndarray) -> wp.array:
-        """Blocks of the map that may hold what a frame from this pose sees: `visible` of the kernels' launchers."""
+    def visible(self, T_world_camera: np.ndarray, t_max: int | None = None) -> wp.array:
+        """Blocks of the map that may hold what a frame from this pose sees: `visible` of the kernels' launchers.
+
+        t_max: only blocks that may hold surfels last updated in this frame or before; None: all.
+        """
         config = self.config.surfels
         gate = max(config.max_ray_distance, config.ray_distance_z2 * self.config.depth_max**2)
         # A surfel passes the gate along a ray up to a pixel beside its own, so a little further away.
         reach = (self.config.depth_max + gate) * (1 + 2 / self.cameras[0].fx)
-        return self.blocks.visible(self.cameras[0], T_world_camera, reach)
+        return self.blocks.visible(self.cameras[0], T_world_camera, reach, t_max)
 
     def empty(self, level: int = 0) -> ModelMaps:
         """Maps of the size of a pyramid level, with nothing in them."""
@@ -69,10 +72,12 @@ class Views:
         visible: wp.array | None = None,
     ) -> None:
         """Render surfels updated in frames t_min .. t_max into `maps` (out, of the size of `level`)."""
+        if visible is None:
+            visible = self.visible(T_world_camera, t_max if t_max < ALWAYS else None)
         predict_model(
             self.surfels, self.cameras[level], T_world_camera, max_depth=self.config.depth_max, maps=maps,
             stable_weight=self.config.surfels.stable_weight, t_min=t_min, t_max=t_max,
-            visible=self.visible(T_world_camera) if visible is None else visible,
+            visible=visible,
         )  # fmt: skip
 
     def pyramid(self, T_world_camera: np.ndarray, maps: ModelMaps, level: int = 0) -> ModelView:

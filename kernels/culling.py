@@ -5,7 +5,7 @@ the same few frames and are near each other. A block is BLOCK of them in a row. 
 owner keeps a bounding box and what else decides whether a kernel has to visit it; a frame tests the blocks
 (40,000 in a map of 10 million surfels) and its kernels walk the surfels of those that may be in view.
 Compared with a hash of world cells nothing has to be sorted, moved or kept consistent when surfels move:
-the boxes of the blocks that were walked are measured again, 32 bytes a block, an eighth of a byte a surfel.
+the boxes of the blocks that were walked are measured again, 36 bytes a block, an eighth of a byte a surfel.
 The results are bit for bit those of walking every surfel.
 """
 
@@ -40,6 +40,7 @@ def _measure(
     high: wp.array(dtype=wp.vec3),
     living: wp.array(dtype=wp.int32),
     waiting: wp.array(dtype=wp.int32),
+    oldest: wp.array(dtype=wp.int32),
 ):
     # One thread a block, on CUDA as well: launch_rows with one lane.
     row, lane = wp.tid()
@@ -47,19 +48,23 @@ def _measure(
     lo = wp.vec3(1.0e30, 1.0e30, 1.0e30)
     hi = wp.vec3(-1.0e30, -1.0e30, -1.0e30)
     alive = int(0)
-    oldest = int(_NEVER)
+    first_unstable = int(_NEVER)
+    first = int(_NEVER)
     for i in range(b * BLOCK, wp.min((b + 1) * BLOCK, count)):
         w = weight[i]
         if w > 0.0:
             alive += 1
             lo = wp.min(lo, position[i])
             hi = wp.max(hi, position[i])
+            t = t_updated[i]
+            first = wp.min(first, t)
             if w < stable_weight:
-                oldest = wp.min(oldest, t_updated[i])
+                first_unstable = wp.min(first_unstable, t)
     low[b] = lo
     high[b] = hi
     living[b] = alive
-    waiting[b] = oldest
+    waiting[b] = first_unstable
+    oldest[b] = first
 
 
 @wp.kernel(enable_backward=False)
@@ -121,7 +126,9 @@ class Blocks:
     @property
     def nbytes(self) -> int:
         """Bytes allocated for all blocks."""
-        return sum(array.capacity for array in (self._low, self._high, self._living, self._waiting))
+        return sum(
+            array.capacity for array in (self._low, self._high, self._living, self._waiting, self._oldest)
+        )
 
     @property
     def dead(self) -> np.ndarray:
@@ -133,8 +140,13 @@ class Blocks:
             size[-1] = self.surfels.count - (count - 1) * int(BLOCK)
         return size - self._living.numpy()[:count]
 
-    def visible(self, camera: Camera, T_world_camera: np.ndarray, max_depth: float) -> wp.array:
+    def visible(
+        self, camera: Camera, T_world_camera: np.ndarray, max_depth: float, t_max: int | None = None
+    ) -> wp.array:
         """Blocks that may hold surfels which project into a camera (or next to it) up to max_depth [m].
+
+        Args:
+            t_max: only blocks that may hold surfels last updated in this frame or before; None: all.
 
         Returns:
             Ascending block numbers, int32, on the map's device.
@@ -146,7 +158,10 @@ class Blocks:
         inputs = [planes, self._low, self._high, self._living]
         if count:
             launch_rows(_test, count, 1, inputs, [seen], self.surfels.device, lanes=1)
-        return self._list(seen.numpy())
+        if t_max is None:
+            return self._list(seen.numpy())
+        # Surfels only become younger, so a block that was not measured since is listed once too often at worst.
+        return self._list((seen.numpy() != 0) & (self._oldest.numpy()[:count] <= t_max))
 
     def to_clean(self, visible: wp.array, time: int, max_unseen: int) -> wp.array:
         """The visible blocks and those in which an unstable surfel was last updated before time - max_unseen."""
@@ -162,7 +177,7 @@ class Blocks:
         if m.count == 0 or blocks.shape[0] == 0:
             return
         inputs = [blocks, m.count, self.stable_weight, m.position, m.weight, m.t_updated]
-        outputs = [self._low, self._high, self._living, self._waiting]
+        outputs = [self._low, self._high, self._living, self._waiting, self._oldest]
         # The width says how much work a row is; a small launch stays on one thread.
         launch_rows(_measure, blocks.shape[0], int(BLOCK), inputs, outputs, m.device, lanes=1)
 
@@ -195,6 +210,7 @@ class Blocks:
             "_high": wp.vec3,
             "_living": wp.int32,
             "_waiting": wp.int32,
+            "_oldest": wp.int32,
         }
         for name, dtype in dtypes.items():
             array, old = wp.zeros(size, dtype=dtype, device=device), getattr(self, name, None)

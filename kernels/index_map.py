@@ -12,7 +12,16 @@ import warp as wp
 
 from dsmap.kernels.camera import Camera, project, ray, rotate, to_transform, transform
 from dsmap.kernels.launch import Slice, first_surfel, launch_blocks, launch_rows
-from dsmap.kernels.pixel_min import EMPTY, key_buffer, key_index, key_value, make_key, merge_keys
+from dsmap.kernels.pixel_min import (
+    EMPTY,
+    key_buffer,
+    key_index,
+    key_value,
+    make_key,
+    release,
+    scratch,
+    take_key,
+)
 from dsmap.kernels.types import SurfelMap
 
 WHOLE_FROM = wp.constant(2.2)
@@ -24,8 +33,14 @@ _STEP_X = wp.constant(_STEPS(0, 0, -1, 1, 0, -1, 1, -1, 1))
 _STEP_Y = wp.constant(_STEPS(0, -1, 0, 0, 1, -1, -1, 1, 1))
 UNSTABLE_PENALTY = 0.05
 """An unstable surfel fills holes, but hides no stable surfel within this distance [m] behind it."""
+_NOTHING = wp.constant(1.0e30)
+"""Depth [m] of a pixel in which no surfel lies."""
 ALWAYS = 2**31 - 1
 """Largest frame number: no upper end of a time window."""
+
+_FACES = {"own": wp.int32, "rank": wp.float32, "centre": wp.vec4, "facing": wp.vec4}
+"""Of the surfel whose key won a pixel: its index; its depth among others [m]; position [m] and squared radius;
+normal, and 1 if it is unstable."""
 
 
 @wp.struct
@@ -135,24 +150,48 @@ def _splat(
             _draw_whole(camera, select, p, n, r, w, i, s.index, keys)
 
 
+@wp.kernel(enable_backward=False)
+def _centres(
+    s: Slice, camera: Camera, T_camera_world: wp.mat44, select: Visible,
+    position: wp.array(dtype=wp.vec3), normal: wp.array(dtype=wp.vec3),
+    weight: wp.array(dtype=wp.float32), radius: wp.array(dtype=wp.float32),
+    keys: wp.array2d(dtype=wp.uint64), own: wp.array2d(dtype=wp.int32), rank: wp.array2d(dtype=wp.float32),
+    centre: wp.array2d(dtype=wp.vec4), facing: wp.array2d(dtype=wp.vec4),
+):  # fmt: skip
+    # The winner of every pixel, side by side in the camera's frame: its neighbours ask for it up to nine times.
+    row, lane = wp.tid()
+    y = s.first + s.stride * row
+    for x in range(lane, camera.width, s.step):
+        best = take_key(keys, y * camera.width + x)
+        winner = int(-1)
+        depth = float(_NOTHING)
+        if best != EMPTY:
+            winner = key_index(best)
+            depth = key_value(best)
+            r = radius[winner]
+            p = transform(T_camera_world, position[winner])
+            n = rotate(T_camera_world, normal[winner])
+            back = wp.where(weight[winner] < select.stable_weight, float(1.0), float(0.0))
+            centre[y, x] = wp.vec4(p[0], p[1], p[2], r * r)
+            facing[y, x] = wp.vec4(n[0], n[1], n[2], back)
+        own[y, x] = winner
+        rank[y, x] = depth
+
+
 @wp.func
 def _best_around(
     camera: Camera,
-    T_world_camera: wp.mat44,
     select: Visible,
     x: int,
     y: int,
     front: float,
-    keys: wp.array2d(dtype=wp.uint64),
-    position: wp.array(dtype=wp.vec3),
-    normal: wp.array(dtype=wp.vec3),
-    weight: wp.array(dtype=wp.float32),
-    radius: wp.array(dtype=wp.float32),
-) -> int:
-    """Of the 3x3 neighbourhood's surfels: on the surface in front, the one nearest to the pixel's ray."""
-    eye = transform(T_world_camera, wp.vec3(0.0, 0.0, 0.0))
-    view = rotate(T_world_camera, ray(camera, float(x), float(y)))
-    best = int(-1)
+    own: wp.array2d(dtype=wp.int32),
+    centre: wp.array2d(dtype=wp.vec4),
+    facing: wp.array2d(dtype=wp.vec4),
+) -> wp.vec2i:
+    """The pixel of the 3x3 neighbourhood (-1: none) whose surfel is, on the surface in front, nearest to the ray."""
+    view = ray(camera, float(x), float(y))
+    best = wp.vec2i(-1, -1)
     best_depth = float(0.0)
     best_off = float(0.0)
     for k in range(9):
@@ -160,22 +199,22 @@ def _best_around(
         xx = x + _STEP_X[k]
         yy = y + _STEP_Y[k]
         inside = xx >= 0 and yy >= 0 and xx < camera.width and yy < camera.height
-        if inside and (k < 5 or best < 0 or best_depth > front + _thickness(front)):
-            key = keys[0, yy * camera.width + xx]
-            if key != EMPTY:
-                i = key_index(key)
-                n = normal[i]
-                p = position[i] - eye
+        if inside and (k < 5 or best[0] < 0 or best_depth > front + _thickness(front)):
+            f = facing[yy, xx]
+            if own[yy, xx] >= 0:
+                c = centre[yy, xx]
+                n = wp.vec3(f[0], f[1], f[2])
+                p = wp.vec3(c[0], c[1], c[2])
                 towards = wp.dot(n, view)
                 if towards < 0.0:
                     z = wp.dot(n, p) / towards
                     off = wp.length_sq(z * view - p)
-                    if k == 0 or (off <= radius[i] * radius[i] and z <= select.max_depth):
-                        depth = _rank_depth(select, z, weight[i])
+                    if k == 0 or (off <= c[3] and z <= select.max_depth):
+                        depth = z + f[3] * (select.penalty + _thickness(z))  # see _rank_depth
                         slack = _thickness(best_depth)
                         nearer = depth < best_depth + slack and off < best_off
-                        if best < 0 or depth < best_depth - slack or nearer:
-                            best = i
+                        if best[0] < 0 or depth < best_depth - slack or nearer:
+                            best = wp.vec2i(xx, yy)
                             best_depth = depth
                             best_off = off
     return best
@@ -183,39 +222,37 @@ def _best_around(
 
 @wp.kernel(enable_backward=False)
 def _select(
-    s: Slice,
-    camera: Camera,
-    T_world_camera: wp.mat44,
-    select: Visible,
-    keys: wp.array2d(dtype=wp.uint64),
-    position: wp.array(dtype=wp.vec3),
-    normal: wp.array(dtype=wp.vec3),
-    weight: wp.array(dtype=wp.float32),
-    radius: wp.array(dtype=wp.float32),
-    index: wp.array2d(dtype=wp.int32),
-):
+    s: Slice, camera: Camera, select: Visible, own: wp.array2d(dtype=wp.int32),
+    rank: wp.array2d(dtype=wp.float32), centre: wp.array2d(dtype=wp.vec4), facing: wp.array2d(dtype=wp.vec4),
+    index: wp.array2d(dtype=wp.int32), vertex: wp.array2d(dtype=wp.vec3), normal: wp.array2d(dtype=wp.vec3),
+):  # fmt: skip
     row, lane = wp.tid()
     y = s.first + s.stride * row
-    above = wp.max(y - 1, 0) * camera.width
-    here = y * camera.width
-    below = wp.min(y + 1, camera.height - 1) * camera.width
+    above = wp.max(y - 1, 0)
+    below = wp.min(y + 1, camera.height - 1)
     for x in range(lane, camera.width, s.step):
         left = wp.max(x - 1, 0)
         right = wp.min(x + 1, camera.width - 1)
-        own = keys[0, here + x]
-        front = wp.min(wp.min(keys[0, above + left], keys[0, above + x]), keys[0, above + right])
-        front = wp.min(front, wp.min(wp.min(keys[0, here + left], own), keys[0, here + right]))
-        front = wp.min(
-            front, wp.min(wp.min(keys[0, below + left], keys[0, below + x]), keys[0, below + right])
-        )
+        front = wp.min(wp.min(rank[above, left], rank[above, x]), rank[above, right])
+        front = wp.min(front, wp.min(wp.min(rank[y, left], rank[y, x]), rank[y, right]))
+        front = wp.min(front, wp.min(wp.min(rank[below, left], rank[below, x]), rank[below, right]))
         seen = int(-1)
-        if own != EMPTY and key_value(own) <= key_value(front) + _thickness(key_value(front)):
-            seen = key_index(own)
-        elif front != EMPTY:
-            seen = _best_around(
-                camera, T_world_camera, select, x, y, key_value(front), keys, position, normal, weight, radius
-            )
+        v = wp.vec3(0.0, 0.0, 0.0)
+        n = wp.vec3(0.0, 0.0, 0.0)
+        if front < _NOTHING:
+            at = wp.vec2i(x, y)
+            if rank[y, x] > front + _thickness(front):
+                at = _best_around(camera, select, x, y, front, own, centre, facing)
+            if at[0] >= 0:
+                seen = own[at[1], at[0]]
+                f = facing[at[1], at[0]]
+                c = centre[at[1], at[0]]
+                r = ray(camera, float(x), float(y))
+                n = wp.vec3(f[0], f[1], f[2])
+                v = ray_disc_depth(wp.vec3(c[0], c[1], c[2]), n, r) * r
         index[y, x] = seen
+        vertex[y, x] = v
+        normal[y, x] = n
 
 
 def render_index(
@@ -231,6 +268,8 @@ def render_index(
     t_max: int = ALWAYS,
     penalty: float = UNSTABLE_PENALTY,
     visible: wp.array | None = None,
+    vertex: wp.array | None = None,
+    normal: wp.array | None = None,
 ) -> None:
     """Fill the index map of a view: on the front surface, the surfel nearest to each pixel's ray.
 
@@ -239,14 +278,20 @@ def render_index(
     take part; those below stable_weight fill holes, but hide no stable one within `penalty` [m].
     visible: blocks that may hold surfels in view (see `culling.Blocks`); None walks the whole map.
     index: out, int32, shape (H, W) of the camera; -1 where no surfel is seen.
+    vertex, normal: out if given, vec3 [m], shape (H, W): where the pixel's ray meets the surfel's disc and the
+    disc's normal, in the camera's frame; 0 where no surfel is seen.
     """
     select = Visible()
     select.min_weight, select.stable_weight, select.penalty = min_weight, stable_weight, penalty
     select.t_min, select.t_max, select.max_depth = t_min, t_max, max_depth
-    m, T_camera_world = surfels, to_transform(np.linalg.inv(T_world_camera))
-    keys = key_buffer(camera.height, camera.width, m.device)
+    m, T_camera_world, shape = surfels, to_transform(np.linalg.inv(T_world_camera)), index.shape
+    keys = key_buffer(*shape, m.device)
     inputs = [camera, T_camera_world, select, m.position, m.normal, m.weight, m.radius, m.t_updated]
     launch_blocks(_splat, visible, m.count, inputs, [keys], m.device)
-    merge_keys(keys, index)
-    inputs = [camera, to_transform(T_world_camera), select, keys, m.position, m.normal, m.weight, m.radius]
-    launch_rows(_select, camera.height, camera.width, inputs, [index], m.device)
+    faces = [scratch(name, shape, dtype, m.device) for name, dtype in _FACES.items()]
+    inputs = [camera, T_camera_world, select, m.position, m.normal, m.weight, m.radius]
+    launch_rows(_centres, *shape, inputs, [keys, *faces], m.device)
+    release(keys)
+    if vertex is None or normal is None:
+        vertex, normal = (scratch(name, shape, wp.vec3, m.device) for name in ("vertex", "normal"))
+    launch_rows(_select, *shape, [camera, select, *faces], [index, vertex, normal], m.device)

@@ -20,9 +20,11 @@ operation which does not depend on order (min, or a sum in row order). So result
 number of cores.
 """
 
+import copy
 import functools
 import os
-from collections.abc import Sequence
+import threading
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
@@ -60,6 +62,14 @@ def num_threads() -> int:
 @functools.cache
 def _pool() -> ThreadPoolExecutor:
     return ThreadPoolExecutor(max_workers=num_threads(), thread_name_prefix="dsmap-launch")
+
+
+def together(first: Callable[[], Any], second: Callable[[], Any], device: Any) -> tuple[Any, Any]:
+    """The results of two functions that launch no kernels; on a CPU the second runs beside the first."""
+    if wp.get_device(device).is_cuda:
+        return first(), second()
+    waiting = _pool().submit(second)
+    return first(), waiting.result()
 
 
 def num_slices(device: Any) -> int:
@@ -154,21 +164,37 @@ def _numbers(count: int, device: str) -> wp.array:
     return wp.array(np.arange(count, dtype=np.int32), device=device)
 
 
+_loading = threading.Lock()
+
+
 @functools.cache
 def _load(module: Any, device: str) -> None:
     # Before the slices start: two threads that find a module unloaded would both compile it.
-    module.load(wp.get_device(device))
+    with _loading:
+        module.load(wp.get_device(device))
 
 
 def _run(
     kernel: Any, parts: Sequence[tuple[Slice, Any]], inputs: Sequence, outputs: Sequence, device: Any
 ) -> None:
     _load(kernel.module, wp.get_device(device).alias)
-
-    def one(part: Slice, dim: Any) -> None:
-        wp.launch(kernel, dim=dim, inputs=[part, *inputs], outputs=list(outputs), device=device)
-
-    waiting = [_pool().submit(one, part, dim) for part, dim in parts[1:]]
-    one(*parts[0])
+    part, dim = parts[0]
+    inputs, outputs = [part, *inputs], list(outputs)
+    if len(parts) == 1:
+        wp.launch(kernel, dim=dim, inputs=inputs, outputs=outputs, device=device)
+        return
+    # The arguments, packed once for all slices: that costs about as much as a small kernel.
+    own = wp.launch(kernel, dim=dim, inputs=inputs, outputs=outputs, device=device, record_cmd=True)
+    waiting = [_pool().submit(_like(own, part, dim).launch) for part, dim in parts[1:]]
+    own.launch()
     for future in waiting:
         future.result()
+
+
+def _like(launch: Any, part: Slice, dim: Any) -> Any:
+    """A recorded CPU launch with another slice and dimension."""
+    other = copy.copy(launch)
+    other.params, other.fwd_args = list(launch.params), list(launch.fwd_args)
+    other.set_dim(dim)
+    other.set_param_at_index(0, part)
+    return other

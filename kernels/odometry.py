@@ -4,15 +4,20 @@ One pass over the current frame's pixels serves both terms, because both project
 same model view. T is T_prev_cur: it takes points of the current camera into the previous one, the model view.
 """
 
+import functools
+
 import numpy as np
 import warp as wp
 
 from dsmap.kernels.camera import Camera, pixel_of, project, ray, rotate, to_transform, transform
 from dsmap.kernels.launch import Slice, launch_rows
+from dsmap.kernels.pixel_min import scratch
 
 SUMS = 29
 """Sums a residual term: 21 of the upper triangle of J^T J, 6 of J^T r, r^2, number of residuals."""
 CUDA_LANES = 32
+_COST = 4
+"""A point of `_joint` is about as much work as this many pixels of other kernels: worth a second thread early."""
 _vec6 = wp.types.vector(length=6, dtype=wp.float32)
 _sums = wp.types.vector(length=SUMS, dtype=wp.float32)
 _sums3 = wp.types.vector(length=11, dtype=wp.float32)
@@ -194,11 +199,17 @@ def _lanes(device: wp.Device) -> int:
     return CUDA_LANES if device.is_cuda else 1
 
 
+@functools.cache
+def _symmetric(n: int) -> np.ndarray:
+    """Where the entries of a symmetric matrix lie in its upper triangle, row by row: shape (n, n)."""
+    at = np.zeros((n, n), dtype=np.intp)
+    at[np.triu_indices(n)] = np.arange(n * (n + 1) // 2)
+    return np.maximum(at, at.T)
+
+
 def _unpack(sums: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray, float, int]:
     triangle = n * (n + 1) // 2
-    A = np.zeros((n, n))
-    A[np.triu_indices(n)] = sums[:triangle]
-    A = A + np.triu(A, 1).T
+    A = sums[_symmetric(n)]
     return A, sums[triangle : triangle + n], float(sums[triangle + n]), int(sums[triangle + n + 1])
 
 
@@ -231,9 +242,9 @@ def joint_normal_equations(
     device = frame[0].device
     rows = (camera.height + gates.stride - 1) // gates.stride
     lanes = _lanes(device)
-    partial = [wp.empty((rows, lanes), dtype=_sums, device=device) for _ in range(2)]
+    partial = [scratch(name, (rows, lanes), _sums, device) for name in ("icp", "rgb")]
     inputs = [camera, to_transform(T_prev_cur), gates, *frame, *model]
-    launch_rows(_joint, rows, camera.width // gates.stride, inputs, partial, device, lanes)
+    launch_rows(_joint, rows, _COST * camera.width // gates.stride, inputs, partial, device, lanes)
     # Summed in row order, so that the result does not depend on the number of slices.
     icp, rgb = (p.numpy().reshape(-1, SUMS).sum(axis=0, dtype=np.float64) for p in partial)
     return _unpack(icp, 6), _unpack(rgb, 6)
@@ -254,7 +265,7 @@ def rotation_normal_equations(
     T = np.eye(4)
     T[:3, :3] = R_prev_cur
     lanes = _lanes(device)
-    partial = wp.empty((camera.height, lanes), dtype=_sums3, device=device)
+    partial = scratch("rotation", (camera.height, lanes), _sums3, device)
     inputs = [camera, to_transform(T), intensity, last_intensity, last_gradient]
     launch_rows(_rotation, camera.height, camera.width, inputs, [partial], device, lanes)
     return _unpack(partial.numpy().reshape(-1, 11).sum(axis=0, dtype=np.float64), 3)

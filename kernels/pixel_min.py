@@ -22,17 +22,25 @@ TAKEN = wp.constant(-2)
 _buffers = threading.local()
 
 
-def key_buffer(height: int, width: int, device: Any) -> wp.array:
-    """A buffer of EMPTY keys, uint64, shape (slices, H * W).
+def scratch(name: str, shape: tuple[int, ...], dtype: Any, device: Any) -> wp.array:
+    """An array for in between, which the next call with the same arguments on the same thread gets again."""
+    slot = (name, shape, dtype, str(device))
+    kept = _buffers.__dict__
+    if slot not in kept:
+        kept[slot] = wp.empty(shape, dtype=dtype, device=device)
+    return kept[slot]
 
-    It is reused by the next call of the same size on the same thread: finish with it first.
-    """
-    slot = (str(device), num_slices(device), height, width)
-    if getattr(_buffers, "slot", None) != slot:
-        _buffers.slot = slot
-        _buffers.keys = wp.empty((slot[1], height * width), dtype=wp.uint64, device=device)
-    _buffers.keys.fill_(EMPTY)
-    return _buffers.keys
+
+def key_buffer(height: int, width: int, device: Any) -> wp.array:
+    """A buffer of EMPTY keys, uint64, shape (slices, H * W): `release` it when every key was taken."""
+    slot = ("keys", (num_slices(device), height * width), str(device))
+    keys = _buffers.__dict__.pop(slot, None)
+    return keys if keys is not None else wp.full(slot[1], EMPTY, dtype=wp.uint64, device=device)
+
+
+def release(keys: wp.array) -> None:
+    """Give back a buffer from `key_buffer` of which `take_key` took every pixel: it is all EMPTY again."""
+    _buffers.__dict__["keys", keys.shape, str(keys.device)] = keys
 
 
 @wp.func
@@ -53,17 +61,24 @@ def key_value(key: wp.uint64) -> float:
     return wp.cast(wp.uint32(key >> wp.uint64(32)), wp.float32)
 
 
+@wp.func
+def take_key(keys: wp.array2d(dtype=wp.uint64), pixel: int) -> wp.uint64:
+    """The least of a pixel's keys, one a slice; they are EMPTY then, for the next use of the buffer."""
+    best = keys[0, pixel]
+    keys[0, pixel] = EMPTY
+    for k in range(1, keys.shape[0]):
+        best = wp.min(best, keys[k, pixel])
+        keys[k, pixel] = EMPTY
+    return best
+
+
 @wp.kernel(enable_backward=False)
 def _merge_rows(s: Slice, limit: float, keys: wp.array2d(dtype=wp.uint64), index: wp.array2d(dtype=wp.int32)):
     row, lane = wp.tid()
     y = s.first + s.stride * row
     width = index.shape[1]
     for x in range(lane, width, s.step):
-        pixel = y * width + x
-        best = keys[0, pixel]
-        for k in range(1, keys.shape[0]):
-            best = wp.min(best, keys[k, pixel])
-        keys[0, pixel] = best
+        best = take_key(keys, y * width + x)
         winner = int(-1)
         if best != EMPTY:
             winner = key_index(best)
@@ -73,9 +88,10 @@ def _merge_rows(s: Slice, limit: float, keys: wp.array2d(dtype=wp.uint64), index
 
 
 def merge_keys(keys: wp.array, index: wp.array, limit: float = math.inf) -> None:
-    """Merge the slices' keys into the winning surfel of each pixel; keys[0] holds the merged keys then.
+    """Merge the slices' keys into the winning surfel of each pixel, and release the buffer.
 
     index: out, int32, shape (H, W); -1 where no surfel asked, TAKEN where none with a value below `limit` did.
     """
     height, width = index.shape
     launch_rows(_merge_rows, height, width, [limit, keys], [index], index.device)
+    release(keys)

@@ -3,8 +3,8 @@
 import numpy as np
 import warp as wp
 
-from dsmap.kernels.camera import Camera, ray, rotate, to_transform, transform
-from dsmap.kernels.index_map import ALWAYS, UNSTABLE_PENALTY, ray_disc_depth, render_index
+from dsmap.kernels.camera import Camera
+from dsmap.kernels.index_map import ALWAYS, UNSTABLE_PENALTY, render_index
 from dsmap.kernels.launch import Slice, launch_rows
 from dsmap.kernels.types import ModelMaps, SurfelMap
 
@@ -12,35 +12,23 @@ from dsmap.kernels.types import ModelMaps, SurfelMap
 @wp.kernel(enable_backward=False)
 def _resolve(
     s: Slice,
-    camera: Camera,
-    T_camera_world: wp.mat44,
     index: wp.array2d(dtype=wp.int32),
-    position: wp.array(dtype=wp.vec3),
-    normal: wp.array(dtype=wp.vec3),
     colour: wp.array(dtype=wp.vec3),
     t_updated: wp.array(dtype=wp.int32),
     label: wp.array(dtype=wp.uint8),
-    out_vertex: wp.array2d(dtype=wp.vec3),
-    out_normal: wp.array2d(dtype=wp.vec3),
     out_colour: wp.array2d(dtype=wp.vec3),
     out_time: wp.array2d(dtype=wp.int32),
     out_label: wp.array2d(dtype=wp.uint8),
 ):
     row, lane = wp.tid()
     y = s.first + s.stride * row
-    for x in range(lane, camera.width, s.step):
+    for x in range(lane, index.shape[1], s.step):
         i = index[y, x]
         if i >= 0:
-            n = rotate(T_camera_world, normal[i])
-            r = ray(camera, float(x), float(y))
-            out_vertex[y, x] = ray_disc_depth(transform(T_camera_world, position[i]), n, r) * r
-            out_normal[y, x] = n
             out_colour[y, x] = colour[i]
             out_time[y, x] = t_updated[i]
             out_label[y, x] = label[i]
         else:
-            out_vertex[y, x] = wp.vec3(0.0, 0.0, 0.0)
-            out_normal[y, x] = wp.vec3(0.0, 0.0, 0.0)
             out_colour[y, x] = wp.vec3(0.0, 0.0, 0.0)
             out_time[y, x] = -1
             out_label[y, x] = wp.uint8(0)
@@ -67,11 +55,11 @@ def predict_model(
     the blocks to walk (see `culling.Blocks`), None all. Pixels without
     a surfel have index -1, vertex, normal and colour 0, time -1, label 0.
     """
-    m, T_camera_world = surfels, to_transform(np.linalg.inv(T_world_camera))
+    m = surfels
     render_index(
         m, camera, T_world_camera, max_depth=max_depth, index=maps.index, min_weight=min_weight,
         stable_weight=stable_weight, t_min=t_min, t_max=t_max, penalty=penalty, visible=visible,
+        vertex=maps.vertex, normal=maps.normal,
     )  # fmt: skip
-    inputs = [camera, T_camera_world, maps.index, m.position, m.normal, m.colour, m.t_updated, m.label]
-    outputs = [maps.vertex, maps.normal, maps.colour, maps.time, maps.label]
-    launch_rows(_resolve, camera.height, camera.width, inputs, outputs, m.device)
+    outputs = [maps.colour, maps.time, maps.label]
+    launch_rows(_resolve, *maps.index.shape, [maps.index, m.colour, m.t_updated, m.label], outputs, m.device)

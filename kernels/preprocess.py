@@ -12,7 +12,7 @@ import warp as wp
 
 from dsmap.kernels import filters
 from dsmap.kernels.camera import Camera, ray
-from dsmap.kernels.launch import Slice, launch_rows
+from dsmap.kernels.launch import Slice, launch_rows, together
 from dsmap.kernels.types import FrameMaps
 
 SIGMA_SPACE = 4.5
@@ -223,9 +223,12 @@ def preprocess(
         cameras: one camera a level, each half the size of the one before.
     """
     shape = depth.shape
-    smooth = smooth_depth(depth, device)
-    colour = colour_map(rgb, device)
-    light = intensity_map(colour)
+
+    def colours() -> tuple[wp.array, wp.array]:
+        colour = colour_map(rgb, device)
+        return colour, intensity_map(colour)
+
+    smooth, (colour, light) = together(lambda: smooth_depth(depth, device), colours, device)
     vertex, normal = (wp.empty(shape, dtype=wp.vec3, device=device) for _ in range(2))
     radius = wp.empty(shape, dtype=float, device=device)
     edge = wp.empty(shape, dtype=wp.uint8, device=device)

@@ -89,6 +89,7 @@ def summary(timing: Timing, references: list[np.ndarray | None], wall_s: float) 
             "median": float(np.median(timing.frame_ms)),
             "p95": float(np.percentile(timing.frame_ms, 95)),
         },
+        "latency_ms": float(np.median(timing.latency_ms)) if timing.latency_ms else None,
         "stages_ms": timing.stages(),
     }
 

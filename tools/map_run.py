@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
+from dsmap.fusion.ahead import prepare_ahead
 from dsmap.fusion.mapper import Mapper, StepResult
 from dsmap.sequences import Sequence
 
@@ -48,13 +49,16 @@ def run(state: Run, sequence: Sequence, checkpoint_every: int = 0) -> bool:
     positions = set(np.linspace(0, len(sequence) - 1, STRIP_FRAMES + 2).astype(int)[1:-1].tolist())
     bar = tqdm(total=len(sequence), initial=first, unit="frame", disable=None)  # None: off without a terminal
     with bar, _interruptible() as asked_to_stop:
-        for frame in rest if len(rest) else ():
+        for ready in prepare_ahead(state.mapper, rest if len(rest) else ()):
+            frame = ready.frame
             position = position_of[frame.index]
             while state.done < position:  # a damaged frame: counted, with the last pose
                 state.mapper.skip(sequence.times[state.done])
                 state.done += 1
-            result = state.mapper.step(frame)
-            state.done, state.skipped = position + 1, earlier + rest.skipped
+            result = state.mapper.step(frame, ready.maps, waited_ms=ready.waited_ms)
+            # Reading is one frame ahead: what it skipped there is not behind us yet.
+            passed = [(index, reason) for index, reason in rest.skipped if index < frame.index]
+            state.done, state.skipped = position + 1, earlier + passed
             if position in positions:
                 state.shown.append((position, result))
             _progress(bar, state, len(sequence), result)
