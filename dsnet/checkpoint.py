@@ -15,6 +15,8 @@ from dsmap.dsnet.nets import build
 from dsmap.errors import InputError
 from dsmap.files import atomic_path
 
+SHIPPED = {name: Path(__file__).parent / "weights" / f"{name}.safetensors" for name in ("dsnet", "dsnet-l")}
+"""Weights that come with dsmap; wherever a file is asked for, the name does."""
 WEIGHTS_FORMAT = "dsmap.dsnet"
 TRAINING_FORMAT = "dsmap.dsnet.training"
 _KINDS: dict[str, type] = {"dsnet": DSNetConfig, "deconvnet": DeconvNetConfig, "library": LibraryNetConfig}
@@ -75,12 +77,15 @@ def load_weights(
     """Read a network for inference (in eval mode, on the CPU).
 
     Args:
+        path: the file, or a name of `SHIPPED`.
         class_names: classes that it must have; None: any.
 
     Raises:
         InputError: missing, damaged or foreign file, unknown configuration, other classes.
     """
     path = Path(path)
+    if not path.is_file():
+        path = SHIPPED.get(str(path), path)
     tensors, header = load_tensors(path, WEIGHTS_FORMAT)
     try:
         info = WeightsInfo(

@@ -13,8 +13,6 @@ from dsmap.errors import InputError
 from dsmap.frame import Frame
 from dsmap.sequences.images import resize_colour, resize_nearest
 
-SHIPPED_WEIGHTS = Path(__file__).parent / "weights" / "dsnet.safetensors"
-
 
 class DSNetSegmenter:
     """A `dsmap.fusion.segmenter.Segmenter` made of a trained network.
@@ -76,10 +74,10 @@ class DSNetSegmenter:
 def load_segmenter(
     weights: Path | str | None = None, device: str = "cpu", engine: str = "auto"
 ) -> DSNetSegmenter:
-    """The segmenter of a weights file; None: the weights that ship with dsmap.
+    """The segmenter of a weights file or of a name of `SHIPPED`; None: dsnet.
 
     Raises:
         InputError: the file is missing, damaged or not a DS-Net of dsmap, or there is no such engine here.
     """
-    model, info = load_weights(SHIPPED_WEIGHTS if weights is None else weights)
+    model, info = load_weights(weights or "dsnet")
     return DSNetSegmenter(model, info, device, engine)

@@ -14,13 +14,13 @@ torch = pytest.importorskip("torch")
 from dsmap.classes import PALETTE  # noqa: E402
 from dsmap.dsnet import train as training  # noqa: E402
 from dsmap.dsnet.checkpoint import WeightsInfo, load_weights  # noqa: E402
-from dsmap.dsnet.config import AugmentConfig, DSNetConfig, TrainConfig  # noqa: E402
+from dsmap.dsnet.config import DSNETS, AugmentConfig, DSNetConfig, TrainConfig  # noqa: E402
 from dsmap.dsnet.data import LabelledImages  # noqa: E402
 from dsmap.dsnet.datasets.base import Example  # noqa: E402
 from dsmap.dsnet.datasets.registry import open_set  # noqa: E402
 from dsmap.dsnet.measure import fit_temperature, score  # noqa: E402
 from dsmap.dsnet.model import DSNet  # noqa: E402
-from dsmap.dsnet.predict import SHIPPED_WEIGHTS, DSNetSegmenter, load_segmenter  # noqa: E402
+from dsmap.dsnet.predict import DSNetSegmenter, load_segmenter  # noqa: E402
 from dsmap.errors import InputError  # noqa: E402
 from dsmap.frame import Frame, Intrinsics  # noqa: E402
 from dsmap.sequences import SequenceWriter  # noqa: E402
@@ -242,10 +242,10 @@ def test_score_matches_a_hand_count(images):
     assert score(segmenter, data)["pixel_acc"] == pytest.approx(right / total)
 
 
-@pytest.mark.skipif(not SHIPPED_WEIGHTS.exists(), reason="weights not trained yet")
-def test_shipped_weights_label_a_frame():
-    segmenter = load_segmenter()
-    assert dataclasses.replace(segmenter.info.config, dropout=0.2) == DSNetConfig()  # the paper's size
+@pytest.mark.parametrize(("name", "shape"), [(None, DSNetConfig()), ("dsnet-l", DSNETS["dsnet-l"])])
+def test_shipped_weights_label_a_frame(name, shape):
+    segmenter = load_segmenter(name)
+    assert dataclasses.replace(segmenter.info.config, dropout=shape.dropout) == shape
     image = cv2.GaussianBlur(np.random.default_rng(0).integers(0, 256, (240, 320, 3), np.uint8), (0, 0), 9)
     probabilities = segmenter(Frame(0, 0.0, image, np.ones((240, 320), np.float32)))
     width, height = segmenter.info.size

@@ -31,12 +31,11 @@ def main(args: Args) -> None:
     import torch
 
     from dsmap.dsnet.checkpoint import load_weights
-    from dsmap.dsnet.predict import SHIPPED_WEIGHTS
     from dsmap.dsnet.race import race
 
     if min(args.images, args.rounds, args.repeats) < 1 or any(s < 32 or s % 32 for s in args.size):
         raise InputError("expected --images, --rounds and --repeats of at least 1, --size of multiples of 32")
-    model, info = load_weights(args.weights or SHIPPED_WEIGHTS, None)
+    model, info = load_weights(args.weights or "dsnet", None)
     if info.config.channels != 3:
         raise InputError(f"{args.weights}: a network of RGB-D, expected one of RGB")
     pictures = _patterns(args) if args.data is None else _of_data(args)
