@@ -41,6 +41,12 @@ class TrackConfig:
     """Larger RMS of inlier point-to-plane residuals [m]: the frame is lost."""
     max_std: float = 0.02
     """Largest standard deviation of the pose, in any direction [m, rad], that still counts as tracked."""
+    predict_every: int = 2
+    """The model is predicted in every n-th frame, and in between where the camera has left the last view..."""
+    predict_distance: float = 0.02
+    """... by this much [m]..."""
+    predict_angle_deg: float = 1.5
+    """... or this much [deg]: a view from so near shows the same."""
     doubt_distance: float = 0.03
     """A pose this far [m] from where constant motion would lead is compared with the map over the whole image..."""
     doubt_angle_deg: float = 3.0

@@ -78,6 +78,10 @@ class LoopCloser:
         self.rejected = ""
         """Why the last attempt was given up, in words."""
 
+    def looks(self, time: int, T_world_camera: np.ndarray, t_active: int) -> bool:
+        """Whether `close` has anything to do with this frame: keyframes are asked, or something inactive is near."""
+        return time % self.loops.global_every == 0 or self._is_near(T_world_camera, t_active)
+
     def close(self, now: Moment) -> bool:
         """Close a loop where there is one.
 
@@ -113,8 +117,8 @@ class LoopCloser:
         self._reactivate(T_world_camera, frame[self.level].vertex, time, t_active)
 
     def _local(self, now: Moment) -> bool:
-        if self.views.visible(now.T_world_camera, now.t_active - 1).shape[0] == 0:
-            return False  # nothing inactive is near: the usual case costs no view
+        if not self._is_near(now.T_world_camera, now.t_active):
+            return False  # the usual case costs no view
         self._render_inactive(now.T_world_camera, now.t_active)
         seen = overlap(now.view.levels[self.level], (self._inactive.vertex,))
         if seen.both < _MIN_STRIP:
@@ -255,6 +259,9 @@ class LoopCloser:
 
     def _register(self, now: Moment, inactive: ModelView) -> tuple[np.ndarray, Health]:
         return self._tracker.register(now.view.surface, inactive, np.eye(4))
+
+    def _is_near(self, T_world_camera: np.ndarray, t_active: int) -> bool:
+        return self.views.visible(T_world_camera, t_active - 1).shape[0] > 0
 
     def _render_inactive(self, T_world_camera: np.ndarray, t_active: int) -> None:
         self.views.render(T_world_camera, self._inactive, level=self.level, t_max=t_active - 1)

@@ -14,6 +14,7 @@ from dsmap.errors import InputError
 from dsmap.frame import Frame, Intrinsics, orthonormal
 from dsmap.fusion.config import MapConfig
 from dsmap.fusion.integrate import Integrator
+from dsmap.fusion.lie import inverse
 from dsmap.fusion.loop_closure import LoopCloser
 from dsmap.fusion.loop_record import LoopRecord, Moment
 from dsmap.fusion.moving import MovingThings
@@ -22,7 +23,7 @@ from dsmap.fusion.segmenter import Segmenter
 from dsmap.fusion.semantics import Schedule
 from dsmap.fusion.tracker import Health, ModelView, Tracker
 from dsmap.fusion.trajectory import TrajectoryPoint
-from dsmap.fusion.views import Views, pyramid_cameras
+from dsmap.fusion.views import Views, has_left, pyramid_cameras
 from dsmap.kernels.compact import Sweep
 from dsmap.kernels.culling import Blocks
 from dsmap.kernels.label import posterior
@@ -115,9 +116,7 @@ class Mapper:
         """
         return preprocess(frame.rgb, self._checked_depth(frame), self.cameras, self.device)
 
-    def step(
-        self, frame: Frame, maps: list[FrameMaps] | None = None, *, waited_ms: float = 0.0
-    ) -> StepResult:
+    def step(self, frame: Frame, maps: list[FrameMaps] | None = None, waited_ms: float = 0.0) -> StepResult:
         """Process one frame: preprocess, track, mask, associate, fuse, clean up, segment, label, predict, loops.
 
         maps: of `prepare`, changed; None prepares them now. waited_ms: for them, counted as `preprocess`.
@@ -147,10 +146,11 @@ class Mapper:
                 result.segmented = self.integrator.label(
                     self.T_world_camera, maps[0], probabilities, self._t_active
                 )
-            with self._stage("predict"):
-                self._predict()
-            with self._stage("loops"):
-                result.loop = self._close_loops(maps)
+            if self._view_is_old(result):
+                with self._stage("predict"):
+                    self._predict()
+                with self._stage("loops"):
+                    result.loop = self._close_loops(maps)
             self.tracker.remember(maps[-1].intensity)
             self.last_fused = self.time
         self.time += 1
@@ -190,13 +190,11 @@ class Mapper:
         return sum(point.tracked for point in self.trajectory)
 
     def _checked_depth(self, frame: Frame) -> np.ndarray:
-        expected = (self.intrinsics.height, self.intrinsics.width)
+        width, height = self.intrinsics.width, self.intrinsics.height
         for name, image in (("depth", frame.depth), ("colour", frame.rgb)):
-            if image.shape[:2] != expected:
-                found = f"{image.shape[1]}x{image.shape[0]}"
-                raise InputError(
-                    f"frame {frame.index}: {name} is {found}; expected {expected[1]}x{expected[0]}, the camera's size"
-                )
+            if image.shape[:2] != (height, width):
+                found = f"{image.shape[1]}x{image.shape[0]}; expected {width}x{height}, the camera's size"
+                raise InputError(f"frame {frame.index}: {name} is {found}")
         return clean_depth(frame.depth, self.config.depth_min, self.config.depth_max)
 
     def _locate(self, frame: Frame, maps: list[FrameMaps], result: StepResult) -> None:
@@ -225,7 +223,8 @@ class Mapper:
             self._relocalise(maps, result)
         if result.tracked:
             return
-        T_prev_cur, result.health = self.tracker.track(maps, view)
+        T_view_last = inverse(view.T_world_camera) @ self.T_world_camera
+        T_prev_cur, result.health = self.tracker.track(maps, view, T_view_last)
         T = orthonormal(view.T_world_camera @ T_prev_cur)
         result.reason = self.check.objection(maps, T, result.health, self.trajectory, self.view_t_active)
         result.tracked = not result.reason
@@ -249,14 +248,19 @@ class Mapper:
             return 0
         return max(self.last_fused + 1 - self.config.surfels.active_window, 0)
 
-    def visible(self, T_world_camera: np.ndarray) -> wp.array:
-        """Blocks of the map that may hold what a frame from this pose sees: `visible` of the kernels' launchers."""
-        return self.views.visible(T_world_camera)
-
     def _segment(self, frame: Frame) -> np.ndarray | None:
         if self.segmenter is None or not self.schedule.due(self.T_world_camera):
             return None
         return self.segmenter(frame)
+
+    def _view_is_old(self, result: StepResult) -> bool:
+        """Whether the view is to be predicted anew: in its turn, where the camera has left it, and for loops."""
+        track, T = self.config.track, self.T_world_camera
+        if self.view is None or result.relocalised or self.time % track.predict_every == 0:
+            return True
+        if self.closer is not None and self.closer.looks(self.time, T, self._t_active):
+            return True
+        return has_left(track, self.view.T_world_camera, T)
 
     def _predict(self) -> None:
         """The active model's view from the camera, which the next frame is tracked against."""
@@ -272,7 +276,7 @@ class Mapper:
         now = Moment(maps, self.view, self.maps, self.time, self._t_active, self.trajectory)
         if self.closer.close(now):
             self.T_world_camera = self.trajectory[-1].T_world_camera.copy()
-            self.integrator.visible = self.visible(self.T_world_camera)
+            self.integrator.visible = self.views.visible(self.T_world_camera)
             self._predict()
         return self.closer.records[-1] if len(self.closer.records) > before else None
 

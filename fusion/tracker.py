@@ -14,8 +14,8 @@ from dsmap.kernels.odometry import Gates, gradient, joint_normal_equations
 from dsmap.kernels.preprocess import half_surface
 from dsmap.kernels.types import FrameMaps
 
-_CONVERGED = 1e-4
-"""A step below this (metres and radians alike) ends a level: a twentieth of a pixel at 1 m."""
+_CONVERGED = 3e-5
+"""A step below this (metres and radians alike) ends a level: a sixtieth of a pixel at 1 m."""
 _DARK, _BRIGHT = 0.02, 0.98
 """Intensities beyond these tell nothing about exposure."""
 _MIN_SHARED = 0.05
@@ -111,8 +111,14 @@ class Tracker:
         """Keep a tracked frame's intensity image of the coarsest level for the next frame's pre-alignment."""
         self.last_coarse = self.aligner.pyramid(intensity)
 
-    def track(self, frame: Sequence[FrameMaps], model: ModelView) -> tuple[np.ndarray, Health]:
+    def track(
+        self, frame: Sequence[FrameMaps], model: ModelView, T_model_last: np.ndarray | None = None
+    ) -> tuple[np.ndarray, Health]:
         """Register a frame to a model view.
+
+        Args:
+            T_model_last: where the last frame was, shape (4, 4), from which the search starts; default: the view's
+                own place.
 
         Returns:
             T_prev_cur, shape (4, 4), which takes points of the current camera into the model view's, and
@@ -122,6 +128,8 @@ class Tracker:
         if self.config.so3 and self.last_coarse is not None:
             current = self.aligner.pyramid(frame[-1].intensity)
             T_prev_cur[:3, :3] = self.aligner.rotation(current, self.last_coarse)
+        if T_model_last is not None:
+            T_prev_cur = T_model_last @ T_prev_cur
         source = [(maps.vertex, maps.normal, maps.intensity) for maps in frame]
         gain = exposure_gain(source[-1], model.levels[-1]) if self.config.exposure else 1.0
         return self.register(source, model, T_prev_cur, gain=gain)

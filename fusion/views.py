@@ -8,7 +8,8 @@ import numpy as np
 import warp as wp
 
 from dsmap.frame import Intrinsics
-from dsmap.fusion.config import MapConfig
+from dsmap.fusion.config import MapConfig, TrackConfig
+from dsmap.fusion.lie import inverse, rotation_angle
 from dsmap.fusion.tracker import ModelView
 from dsmap.kernels.camera import make_camera
 from dsmap.kernels.culling import Blocks
@@ -27,6 +28,13 @@ def pyramid_cameras(intrinsics: Intrinsics, levels: int) -> list[Any]:
         cropped = replace(intrinsics, width=width << level, height=height << level)
         cameras.append(make_camera(cropped.scaled(width, height)))
     return cameras
+
+
+def has_left(config: TrackConfig, T_world_view: np.ndarray, T_world_camera: np.ndarray) -> bool:
+    """Whether a camera is so far from where a view was predicted that it sees something else."""
+    moved = inverse(T_world_view) @ T_world_camera
+    angle = np.rad2deg(rotation_angle(moved))
+    return bool(np.linalg.norm(moved[:3, 3]) > config.predict_distance or angle > config.predict_angle_deg)
 
 
 class Views:

@@ -40,7 +40,7 @@ ALWAYS = 2**31 - 1
 
 _FACES = {"own": wp.int32, "rank": wp.float32, "centre": wp.vec4, "facing": wp.vec4}
 """Of the surfel whose key won a pixel: its index; its depth among others [m]; position [m] and squared radius;
-normal, and 1 if it is unstable."""
+normal and weight (world frame)."""
 
 
 @wp.struct
@@ -108,18 +108,10 @@ def _draw_whole(
 
 @wp.kernel(enable_backward=False)
 def _splat(
-    s: Slice,
-    blocks: wp.array(dtype=wp.int32),
-    camera: Camera,
-    T_camera_world: wp.mat44,
-    select: Visible,
-    position: wp.array(dtype=wp.vec3),
-    normal: wp.array(dtype=wp.vec3),
-    weight: wp.array(dtype=wp.float32),
-    radius: wp.array(dtype=wp.float32),
-    t_updated: wp.array(dtype=wp.int32),
-    keys: wp.array2d(dtype=wp.uint64),
-):
+    s: Slice, blocks: wp.array(dtype=wp.int32), camera: Camera, T_camera_world: wp.mat44, select: Visible,
+    position: wp.array(dtype=wp.vec3), normal: wp.array(dtype=wp.vec3), weight: wp.array(dtype=wp.float32),
+    radius: wp.array(dtype=wp.float32), t_updated: wp.array(dtype=wp.int32), keys: wp.array2d(dtype=wp.uint64),
+):  # fmt: skip
     first = first_surfel(s, blocks, wp.tid())
     border = float(MAX_SPLAT)
     for i in range(first, wp.min(first + s.step, s.count)):
@@ -152,13 +144,13 @@ def _splat(
 
 @wp.kernel(enable_backward=False)
 def _centres(
-    s: Slice, camera: Camera, T_camera_world: wp.mat44, select: Visible,
+    s: Slice, camera: Camera,
     position: wp.array(dtype=wp.vec3), normal: wp.array(dtype=wp.vec3),
     weight: wp.array(dtype=wp.float32), radius: wp.array(dtype=wp.float32),
     keys: wp.array2d(dtype=wp.uint64), own: wp.array2d(dtype=wp.int32), rank: wp.array2d(dtype=wp.float32),
     centre: wp.array2d(dtype=wp.vec4), facing: wp.array2d(dtype=wp.vec4),
 ):  # fmt: skip
-    # The winner of every pixel, side by side in the camera's frame: its neighbours ask for it up to nine times.
+    # The winner of every pixel, side by side: its neighbours ask for it up to nine times.
     row, lane = wp.tid()
     y = s.first + s.stride * row
     for x in range(lane, camera.width, s.step):
@@ -169,11 +161,10 @@ def _centres(
             winner = key_index(best)
             depth = key_value(best)
             r = radius[winner]
-            p = transform(T_camera_world, position[winner])
-            n = rotate(T_camera_world, normal[winner])
-            back = wp.where(weight[winner] < select.stable_weight, float(1.0), float(0.0))
+            p = position[winner]
+            n = normal[winner]
             centre[y, x] = wp.vec4(p[0], p[1], p[2], r * r)
-            facing[y, x] = wp.vec4(n[0], n[1], n[2], back)
+            facing[y, x] = wp.vec4(n[0], n[1], n[2], weight[winner])
         own[y, x] = winner
         rank[y, x] = depth
 
@@ -181,6 +172,7 @@ def _centres(
 @wp.func
 def _best_around(
     camera: Camera,
+    T_world_camera: wp.mat44,
     select: Visible,
     x: int,
     y: int,
@@ -190,7 +182,8 @@ def _best_around(
     facing: wp.array2d(dtype=wp.vec4),
 ) -> wp.vec2i:
     """The pixel of the 3x3 neighbourhood (-1: none) whose surfel is, on the surface in front, nearest to the ray."""
-    view = ray(camera, float(x), float(y))
+    eye = transform(T_world_camera, wp.vec3(0.0, 0.0, 0.0))
+    view = rotate(T_world_camera, ray(camera, float(x), float(y)))
     best = wp.vec2i(-1, -1)
     best_depth = float(0.0)
     best_off = float(0.0)
@@ -204,13 +197,13 @@ def _best_around(
             if own[yy, xx] >= 0:
                 c = centre[yy, xx]
                 n = wp.vec3(f[0], f[1], f[2])
-                p = wp.vec3(c[0], c[1], c[2])
+                p = wp.vec3(c[0], c[1], c[2]) - eye
                 towards = wp.dot(n, view)
                 if towards < 0.0:
                     z = wp.dot(n, p) / towards
                     off = wp.length_sq(z * view - p)
                     if k == 0 or (off <= c[3] and z <= select.max_depth):
-                        depth = z + f[3] * (select.penalty + _thickness(z))  # see _rank_depth
+                        depth = _rank_depth(select, z, f[3])
                         slack = _thickness(best_depth)
                         nearer = depth < best_depth + slack and off < best_off
                         if best[0] < 0 or depth < best_depth - slack or nearer:
@@ -222,7 +215,8 @@ def _best_around(
 
 @wp.kernel(enable_backward=False)
 def _select(
-    s: Slice, camera: Camera, select: Visible, own: wp.array2d(dtype=wp.int32),
+    s: Slice, camera: Camera, T_camera_world: wp.mat44, T_world_camera: wp.mat44, select: Visible,
+    own: wp.array2d(dtype=wp.int32),
     rank: wp.array2d(dtype=wp.float32), centre: wp.array2d(dtype=wp.vec4), facing: wp.array2d(dtype=wp.vec4),
     index: wp.array2d(dtype=wp.int32), vertex: wp.array2d(dtype=wp.vec3), normal: wp.array2d(dtype=wp.vec3),
 ):  # fmt: skip
@@ -242,14 +236,14 @@ def _select(
         if front < _NOTHING:
             at = wp.vec2i(x, y)
             if rank[y, x] > front + _thickness(front):
-                at = _best_around(camera, select, x, y, front, own, centre, facing)
+                at = _best_around(camera, T_world_camera, select, x, y, front, own, centre, facing)
             if at[0] >= 0:
                 seen = own[at[1], at[0]]
                 f = facing[at[1], at[0]]
                 c = centre[at[1], at[0]]
                 r = ray(camera, float(x), float(y))
-                n = wp.vec3(f[0], f[1], f[2])
-                v = ray_disc_depth(wp.vec3(c[0], c[1], c[2]), n, r) * r
+                n = rotate(T_camera_world, wp.vec3(f[0], f[1], f[2]))
+                v = ray_disc_depth(transform(T_camera_world, wp.vec3(c[0], c[1], c[2])), n, r) * r
         index[y, x] = seen
         vertex[y, x] = v
         normal[y, x] = n
@@ -289,9 +283,15 @@ def render_index(
     inputs = [camera, T_camera_world, select, m.position, m.normal, m.weight, m.radius, m.t_updated]
     launch_blocks(_splat, visible, m.count, inputs, [keys], m.device)
     faces = [scratch(name, shape, dtype, m.device) for name, dtype in _FACES.items()]
-    inputs = [camera, T_camera_world, select, m.position, m.normal, m.weight, m.radius]
+    inputs = [camera, m.position, m.normal, m.weight, m.radius]
     launch_rows(_centres, *shape, inputs, [keys, *faces], m.device)
     release(keys)
     if vertex is None or normal is None:
         vertex, normal = (scratch(name, shape, wp.vec3, m.device) for name in ("vertex", "normal"))
-    launch_rows(_select, *shape, [camera, select, *faces], [index, vertex, normal], m.device)
+    launch_rows(
+        _select,
+        *shape,
+        [camera, T_camera_world, to_transform(T_world_camera), select, *faces],
+        [index, vertex, normal],
+        m.device,
+    )

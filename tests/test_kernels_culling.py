@@ -209,3 +209,19 @@ def test_growing_keeps_the_rows_and_new_rows_are_zero(addresses, monkeypatch):
     kept = surfels.position.ptr
     surfels.reserve(3 * surfels.capacity)
     assert (surfels.position.ptr == kept) == (addresses > 1), "no copy within the reserved addresses"
+
+
+def test_only_blocks_with_something_old_are_listed_for_an_old_view():
+    camera, T = random_scene.CAMERA, random_scene.pose(0)
+    surfels = random_scene.surfel_map(T, seed=0)
+    surfels.weight.fill_(1.0)
+    blocks = Blocks(surfels, STABLE)
+    surfels.t_updated.fill_(9)
+    surfels.t_updated.numpy()[0] = 4
+    blocks.forget()
+    assert len(blocks.visible(camera, T, 3.0)) > 1
+    assert len(blocks.visible(camera, T, 3.0, t_max=3)) == 0
+    assert list(blocks.visible(camera, T, 3.0, t_max=4).numpy()) in ([0], [])
+    assert list(blocks.visible(camera, T, 3.0, t_max=9).numpy()) == list(
+        blocks.visible(camera, T, 3.0).numpy()
+    )
