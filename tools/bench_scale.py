@@ -93,7 +93,7 @@ def measure(counts: list[int], frames: int, size: tuple[int, int], device: str, 
 
 def walk_everything(mapper: Mapper) -> None:
     """Make a mapper take every surfel for visible, in every kernel."""
-    mapper.views.visible = lambda T_world_camera: all_blocks(mapper.surfels.count, mapper.device)
+    mapper.views.visible = lambda T_world_camera, t_max=None: all_blocks(mapper.surfels.count, mapper.device)
 
 
 def room_frame(intrinsics: Intrinsics, number: int, turn: float | None = None) -> Frame:
