@@ -20,6 +20,8 @@ _DARK, _BRIGHT = 0.02, 0.98
 """Intensities beyond these tell nothing about exposure."""
 _MIN_SHARED = 0.05
 """Share of the image that exposure is measured on, at least."""
+_STEADY = 0.02
+"""A ratio of mean intensities this near to 1 is what motion alone makes of it: no change of exposure."""
 _VGA_PIXELS = 640 * 480
 """Published pixel counts are those of this image size."""
 
@@ -94,7 +96,8 @@ def exposure_gain(frame: tuple, model: tuple) -> float:
     shared &= (light > _DARK) & (light < _BRIGHT) & (reference > _DARK) & (reference < _BRIGHT)
     if np.count_nonzero(shared) < _MIN_SHARED * shared.size:
         return 1.0
-    return float(np.clip(reference[shared].mean() / light[shared].mean(), 0.5, 2.0))
+    gain = float(np.clip(reference[shared].mean() / light[shared].mean(), 0.5, 2.0))
+    return gain if abs(gain - 1) > _STEADY else 1.0
 
 
 class Tracker:
