@@ -20,7 +20,7 @@ _DARK, _BRIGHT = 0.02, 0.98
 """Intensities beyond these tell nothing about exposure."""
 _MIN_SHARED = 0.05
 """Share of the image that exposure is measured on, at least."""
-_STEADY = 0.02
+_STEADY = 0.03
 """A ratio of mean intensities this near to 1 is what motion alone makes of it: no change of exposure."""
 _VGA_PIXELS = 640 * 480
 """Published pixel counts are those of this image size."""
