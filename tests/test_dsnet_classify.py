@@ -15,13 +15,7 @@ NET = ClassifierConfig(DSNetConfig(layers=2, growth=4, widths=(8, 8, 8, 8), clas
 CONFIG = ClassifyConfig(epochs=3, batch=20, lr=0.1)
 
 
-@pytest.fixture(autouse=True)
-def one_thread():
-    """Sums in one order whatever else the machine does, and quicker at this size."""
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(threads)
+pytestmark = pytest.mark.usefixtures("one_thread")
 
 
 def test_an_image_is_shifted_and_mirrored_whole():

@@ -16,14 +16,7 @@ from dsmap.dsnet.experiments.voc_view import voc_view  # noqa: E402
 from dsmap.errors import InputError  # noqa: E402
 from dsmap.tools import cli  # noqa: E402
 
-
-@pytest.fixture(autouse=True)
-def one_thread():
-    """Sums in one order whatever else the machine does, and quicker at this size."""
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(threads)
+pytestmark = pytest.mark.usefixtures("one_thread")
 
 
 @pytest.fixture(scope="module")

@@ -31,13 +31,7 @@ MILD = AugmentConfig(scale=(0.9, 1.2), rotate=0, hue=0, saturation=0, white_bala
 CONFIG = TrainConfig(steps=12, batch=4, size=(64, 64), lr=1e-2, warmup=2, ema=0.5, validate_every=4)
 
 
-@pytest.fixture(autouse=True)
-def one_thread():
-    """Sums in one order whatever else the machine does, and quicker at this size."""
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(threads)
+pytestmark = pytest.mark.usefixtures("one_thread")
 
 
 def coloured_rectangles(path, count=8, seed=0):
