@@ -22,9 +22,9 @@ def evaluate_loops(run: Run, reference: Sequence, pairs: list[tuple[int, int]]) 
         pairs: (frame of the run, frame of the reference).
 
     Returns:
-        The tree of `loops.*`: how many a kind, how many of those with poses for both frames are `correct` and
-        `wrong`, the largest and the median errors, and the list `each`. None, with a `reason`, where the run
-        has no loops.json or the reference no poses.
+        The tree of `loops.*`: how many a kind, how many that bent the map (in the others both parts agreed), how
+        many of those with poses for both frames are `correct` and `wrong`, the largest and the median errors,
+        and the list `each`. None, with a `reason`, where the run has no loops.json or the reference no poses.
 
     Raises:
         InputError: loops.json names frames that the run does not have, or its poses are no poses.
@@ -32,6 +32,7 @@ def evaluate_loops(run: Run, reference: Sequence, pairs: list[tuple[int, int]]) 
     keys = (
         "closed",
         "kinds",
+        "bent",
         "compared",
         "correct",
         "wrong",
@@ -45,6 +46,7 @@ def evaluate_loops(run: Run, reference: Sequence, pairs: list[tuple[int, int]]) 
     tree: dict[str, Any] = dict.fromkeys(keys) | {
         "closed": len(run.loops),
         "kinds": {kind: kinds.count(kind) for kind in sorted(set(kinds))},
+        "bent": sum(loop.get("nodes", 1) > 0 for loop in run.loops),
     }
     true = {i: T for i, j in pairs if (T := reference.T_world_camera(j)) is not None}
     if not true:

@@ -19,7 +19,7 @@ from dsmap.fusion.ferns import FernDatabase, small_size, small_view
 from dsmap.fusion.lie import inverse
 from dsmap.fusion.loop_checks import Overlap, explained_rms, objection, overlap, rms_shift
 from dsmap.fusion.loop_constraints import ClosedLoops, constraints
-from dsmap.fusion.loop_record import LoopRecord, Moment
+from dsmap.fusion.loop_record import LoopRecord, Match, Moment
 from dsmap.fusion.relocalise import Relocaliser
 from dsmap.fusion.sweep import swept
 from dsmap.fusion.tracker import Health, ModelView, Tracker
@@ -124,7 +124,7 @@ class LoopCloser:
         if seen.both < _MIN_STRIP:
             return False
         inactive = self.views.pyramid(now.T_world_camera, self._inactive, self.level)
-        if now.time - self.verified <= self.loops.trust and self._agrees(now, inactive, seen):
+        if self._is_attached(now) and self._agrees(now, inactive, seen):
             return self._wake_view(now)
         if seen.both * _VGA_PIXELS < self.loops.min_inliers:
             return False
@@ -140,8 +140,7 @@ class LoopCloser:
         small = small_view(now.maps.colour.numpy(), now.maps.vertex.numpy()[..., 2], self.ferns.size)
         code = self.ferns.encode(small)
         self.ferns.add_if_novel(code, small, now.T_world_camera, now.time)
-        attached = now.time - self.verified <= self.loops.trust
-        if not try_it or attached or now.time % self.loops.global_every:
+        if not try_it or self._is_attached(now) or now.time % self.loops.global_every:
             return False
         candidates = self.ferns.candidates(code, now.time)
         if not candidates:
@@ -170,7 +169,9 @@ class LoopCloser:
             return False
         T_found = orthonormal(T_found @ T_inactive_active)
         shift = rms_shift(points, inverse(now.T_world_camera) @ T_found)
+        match = Match(kind, T_found, shift, health, similarity)
         if shift < self.loops.negligible:
+            self._note_agreement(now, match)
             self._render_inactive(now.T_world_camera, now.t_active)
             return self._wake_view(now)
         if seen.both < self.loops.min_overlap:
@@ -178,41 +179,46 @@ class LoopCloser:
             return False
         if self.loops.mode == "global" and kind == "local":
             return False
-        return self._deform(kind, now, T_found, shift, health, similarity)
+        return self._deform(now, match)
 
-    def _deform(
-        self, kind: str, now: Moment, T_found: np.ndarray, shift: float, health: Health, similarity: float
-    ) -> bool:
+    def _note_agreement(self, now: Moment, match: Match) -> None:
+        """A revisit after which nothing has to be bent is a loop, too, unless it is the same revisit as before."""
+        if self._is_attached(now):
+            return
+        self._render_inactive(match.T_world_camera, now.t_active)
+        found = self._constraints(now, match.T_world_camera)
+        if found is not None:
+            self.records.append(match.record(now, found[1]))
+
+    def _deform(self, now: Moment, match: Match) -> bool:
+        T_found = match.T_world_camera
         self._render_inactive(T_found, now.t_active)
-        found = constraints(
-            now.maps, self._inactive, self.camera, self.views.surfels, now.T_world_camera, T_found,
-            self.loops.constraint_grid,
-        )  # fmt: skip
+        found = self._constraints(now, T_found)
         if found is None:
             self.rejected = "too few constraints"
             return False
         pairs, frame_destination = found
         poses = poses_of(now.trajectory)
         limit = self.loops.max_drift * way(poses[frame_destination:]) + _LEAST_DRIFT
-        if shift > limit:
-            self.rejected = f"{shift * 100:.1f} cm of drift where at most {limit * 100:.1f} cm are likely"
+        if match.shift_m > limit:
+            self.rejected = f"{match.shift_m * 100:.1f} cm of drift, at most {limit * 100:.1f} cm are likely"
             return False
         graph = self._bent_graph(pairs)
         if graph is None:
             return False
-        T_destination_frame = inverse(poses[frame_destination]) @ T_found
+        self.records.append(match.record(now, frame_destination, len(graph)))
         self._bend(graph, now, poses, T_found)
         self.closed.add(pairs)
-        self.records.append(
-            LoopRecord(
-                kind, now.time, frame_destination, T_destination_frame, shift, health.rms_icp**2,
-                round(health.inliers), similarity, len(graph),
-            )
-        )  # fmt: skip
         self.views.render(T_found, self._active, level=self.level, t_min=now.t_active)
         self._render_inactive(T_found, now.t_active)
         self._reactivate(T_found, self._active.vertex, now.time, now.t_active)
         return True
+
+    def _constraints(self, now: Moment, T_found: np.ndarray) -> tuple[Constraints, int] | None:
+        return constraints(
+            now.maps, self._inactive, self.camera, self.views.surfels, now.T_world_camera, T_found,
+            self.loops.constraint_grid,
+        )  # fmt: skip
 
     def _bent_graph(self, pairs: Constraints) -> DeformationGraph | None:
         """A graph that brings the pairs together and keeps closed what was closed before; None if it would tear."""
@@ -259,6 +265,10 @@ class LoopCloser:
 
     def _register(self, now: Moment, inactive: ModelView) -> tuple[np.ndarray, Health]:
         return self._tracker.register(now.view.surface, inactive, np.eye(4))
+
+    def _is_attached(self, now: Moment) -> bool:
+        """Whether the active and the inactive part were found to agree a moment ago."""
+        return now.time - self.verified <= self.loops.trust
 
     def _is_near(self, T_world_camera: np.ndarray, t_active: int) -> bool:
         return self.views.visible(T_world_camera, t_active - 1).shape[0] > 0

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dsmap.fusion.tracker import ModelView
+from dsmap.fusion.lie import inverse
+from dsmap.fusion.tracker import Health, ModelView
 from dsmap.fusion.trajectory import TrajectoryPoint
 from dsmap.kernels.types import FrameMaps, ModelMaps
 
@@ -30,7 +31,7 @@ class LoopRecord:
     similarity: float
     """Of the keyframe; 1 for local loops."""
     nodes: int
-    """Of the deformation graph."""
+    """Of the deformation graph; 0 where both parts agreed within `negligible` and nothing was bent."""
 
 
 @dataclass
@@ -51,3 +52,27 @@ class Moment:
     @property
     def T_world_camera(self) -> np.ndarray:
         return self.view.T_world_camera
+
+
+@dataclass
+class Match:
+    """Where in the inactive map the active view fits."""
+
+    kind: str
+    """local or global."""
+    T_world_camera: np.ndarray
+    """Of the camera, as found."""
+    shift_m: float
+    """RMS distance by which that moves the points in view."""
+    health: Health
+    """Of the registration."""
+    similarity: float
+    """Of the keyframe; 1 for local loops."""
+
+    def record(self, now: Moment, frame_destination: int, nodes: int = 0) -> LoopRecord:
+        """The loop that this match is; before the trajectory is bent."""
+        T_world_destination = now.trajectory[frame_destination].T_world_camera
+        return LoopRecord(
+            self.kind, now.time, frame_destination, inverse(T_world_destination) @ self.T_world_camera, self.shift_m,
+            self.health.rms_icp**2, round(self.health.inliers), self.similarity, nodes,
+        )  # fmt: skip

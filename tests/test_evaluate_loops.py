@@ -45,11 +45,16 @@ def run_with(loops) -> Run:
     )
 
 
-def loop(frame, destination, error=(0, 0, 0, 0, 0, 0), kind="local"):
+def loop(frame, destination, error=(0, 0, 0, 0, 0, 0), kind="local", nodes=32):
     reference = Reference()
     true = {i: reference.T_world_camera(i) if i != 5 else np.eye(4) for i in (frame, destination)}
     T = inverse(true[destination]) @ true[frame] @ exp_se3(np.array(error, dtype=float))
-    return {"kind": kind, "frame": frame, "frame_destination": destination, "T_destination_frame": T.tolist()}
+    return {
+        "kind": kind,
+        "frame": frame,
+        "frame_destination": destination,
+        "T_destination_frame": T.tolist(),
+    } | {"nodes": nodes}
 
 
 PAIRS = [(i, i) for i in range(FRAMES)]
@@ -57,19 +62,20 @@ PAIRS = [(i, i) for i in range(FRAMES)]
 
 def test_correct_and_wrong_loops():
     loops = [
-        loop(9, 1),
-        loop(10, 1, (0.04, 0, 0, 0, 0, 0), "global"),
+        loop(9, 1, nodes=0),
+        loop(10, 1, (0.04, 0, 0, 0, 0, 0), "global", nodes=0),
         loop(11, 2, (0.06, 0, 0, 0, 0, 0)),  # 6 cm off
         loop(8, 0, (0, 0, 0, 0, 0, np.deg2rad(4)), "global"),  # 4 deg off
         loop(8, 5),  # the reference has no pose of frame 5
     ]
     tree = evaluate_loops(run_with(loops), Reference(), PAIRS)
     assert (tree["closed"], tree["compared"], tree["correct"], tree["wrong"]) == (5, 4, 2, 2)
-    assert tree["kinds"] == {"global": 2, "local": 3}
+    assert tree["kinds"] == {"global": 2, "local": 3} and tree["bent"] == 3
     assert [each["wrong"] for each in tree["each"]] == [False, False, True, True, None]
     assert tree["distance_max_m"] == pytest.approx(0.06) and tree["angle_max_deg"] == pytest.approx(4)
     rows = dict(_loop_rows(tree))
     assert rows["closed"] == "5 (2 global, 3 local)" and rows["correct"] == "2 of 4 compared"
+    assert rows["of these, bent the map"] == "3"
     assert rows["wrong (> 5 cm or > 3 deg)"] == "2"
 
 

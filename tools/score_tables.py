@@ -55,6 +55,8 @@ def _trajectory_rows(t: dict[str, Any]) -> list[tuple[str, str]]:
 def _loop_rows(t: dict[str, Any]) -> list[tuple[str, str]]:
     kinds = ", ".join(f"{count} {kind}" for kind, count in (t["kinds"] or {}).items())
     rows = [("closed", _count(t["closed"]) + (f" ({kinds})" if kinds else ""))]
+    if t["bent"] is not None:
+        rows.append(("of these, bent the map", _count(t["bent"])))
     if t["compared"] is not None:
         rows += [
             ("correct", f"{t['correct']} of {t['compared']} compared"),
