@@ -11,47 +11,21 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
+from dsmap.features import Features, matched_points
+
 WINDOW = 8
 """Images are compared with this many followers: further away, the set shows other rooms."""
 MIN_INLIERS = 10
 """Matches on one epipolar geometry from which on two images share a view."""
-_FEATURES = 500
-_RATIO = 0.75
-"""Lowe's ratio: a match is kept if the second best is clearly worse."""
-
-
-class Features:
-    """SIFT keypoints and descriptors (RootSIFT) of a grey image, uint8 (H, W)."""
-
-    def __init__(self, grey: np.ndarray):
-        keypoints, descriptors = cv2.SIFT_create(_FEATURES).detectAndCompute(grey, None)  # type: ignore[attr-defined]
-        self.points = np.array([k.pt for k in keypoints], np.float32).reshape(-1, 2)
-        if descriptors is None:
-            descriptors = np.zeros((0, 128), np.float32)
-        descriptors = descriptors / np.maximum(descriptors.sum(axis=1, keepdims=True), 1e-6)
-        self.descriptors = np.sqrt(descriptors)
 
 
 def matches(a: Features, b: Features) -> int:
     """Number of matches between two images that agree with one epipolar geometry."""
-    if min(len(a.points), len(b.points)) < MIN_INLIERS:
-        return 0
-    similarity = a.descriptors @ b.descriptors.T  # RootSIFT is normalised: distance^2 = 2 - 2 similarity
-    best = similarity.argmax(axis=1)
-    rows = np.arange(len(best))
-    first = similarity[rows, best]
-    similarity[rows, best] = -1
-    distinct = np.sqrt(np.maximum(1 - first, 0)) < _RATIO * np.sqrt(
-        np.maximum(1 - similarity.max(axis=1), 1e-9)
-    )
-    # Many points on one other point are a texture, not a view: keep one each.
-    order = np.flatnonzero(distinct)[np.argsort(-first[distinct], kind="stable")]
-    _, once = np.unique(best[order], return_index=True)
-    chosen = order[once]
-    if len(chosen) < MIN_INLIERS:
+    points_a, points_b = matched_points(a, b)
+    if len(points_a) < MIN_INLIERS:
         return 0
     cv2.setRNGSeed(0)
-    _, mask = cv2.findFundamentalMat(a.points[chosen], b.points[best[chosen]], cv2.FM_RANSAC, 1.5, 0.999)
+    _, mask = cv2.findFundamentalMat(points_a, points_b, cv2.FM_RANSAC, 1.5, 0.999)
     return 0 if mask is None else int(mask.sum())
 
 

@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 
 from dsmap.errors import InputError
+from dsmap.features import Features, matched_points
 from dsmap.frame import Intrinsics
 from dsmap.sequences import Sequence
 from dsmap.sequences.images import read_colour
@@ -19,8 +20,8 @@ _PAIRS = 20
 """Pairs of frames looked at for each step."""
 _FEATURES = 1500
 """SIFT features of an image, at most."""
-_RATIO = 0.75
-"""A match is better than this times the second best."""
+_CONTRAST = 0.02
+"""Fainter ones than usual: indoor walls have few."""
 _INLIER_PX = 1.5
 """Matches further from the epipolar geometry that fits most of them are wrong ones [px]."""
 _MIN_MATCHES = 20
@@ -104,18 +105,11 @@ def _camera(reference: Sequence) -> Intrinsics:
 
 
 def _match(first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-    sift = cv2.SIFT_create(_FEATURES, contrastThreshold=0.02)
-    described = [
-        sift.detectAndCompute(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), None) for image in (first, second)
-    ]
-    if any(codes is None or len(codes) < 2 for _, codes in described):
-        return None
-    (points_a, codes_a), (points_b, codes_b) = described
-    pairs = cv2.BFMatcher().knnMatch(codes_a, codes_b, k=2)
-    good = [best for best, second_best in pairs if best.distance < _RATIO * second_best.distance]
-    a = np.array([points_a[m.queryIdx].pt for m in good]).reshape(-1, 2)
-    b = np.array([points_b[m.trainIdx].pt for m in good]).reshape(-1, 2)
-    if len(good) < _MIN_MATCHES:
+    described = (
+        Features(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), _FEATURES, _CONTRAST) for image in (first, second)
+    )
+    a, b = matched_points(*described)
+    if len(a) < _MIN_MATCHES:
         return None
     cv2.setRNGSeed(0)
     F, fits = cv2.findFundamentalMat(a, b, cv2.USAC_MAGSAC, _INLIER_PX, 0.999, 5000)

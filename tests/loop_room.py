@@ -54,7 +54,9 @@ def mapper(window: int = 15, **changes) -> Mapper:
     """A mapper of the room whose active window is short."""
     config = MapConfig(depth_max=6.0)
     config.surfels.active_window = window
-    config.loops.max_covariance = 1e-3  # the drift is put in so fast that a later frame meets surfaces bent by it
+    config.loops.max_covariance = (
+        1e-3  # the drift is put in so fast that a later frame meets surfaces bent by it
+    )
     for name, value in changes.items():
         setattr(config.loops, name, value)
     return Mapper(config, INTRINSICS)

@@ -6,7 +6,8 @@ import pytest
 
 from dsmap.dsnet.datasets.registry import open_set
 from dsmap.dsnet.datasets.splits import validation_numbers
-from dsmap.dsnet.view_overlap import MIN_INLIERS, Features, choose_blocks, cuts, gaps, matches
+from dsmap.dsnet.view_overlap import MIN_INLIERS, choose_blocks, cuts, gaps, matches
+from dsmap.features import Features
 from dsmap.tools import cli
 
 from conftest import shared_data  # isort: skip

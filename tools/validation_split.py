@@ -10,8 +10,9 @@ from tqdm import tqdm
 
 from dsmap.classes import CLASS_NAMES, NUM_CLASSES
 from dsmap.dsnet.datasets.registry import open_set
-from dsmap.dsnet.view_overlap import Features, choose_blocks, cuts, gaps
+from dsmap.dsnet.view_overlap import choose_blocks, cuts, gaps
 from dsmap.errors import InputError
+from dsmap.features import Features
 from dsmap.files import atomic_path
 
 _SIZE = (320, 240)
