@@ -21,7 +21,7 @@ _DARK, _BRIGHT = 0.02, 0.98
 _MIN_SHARED = 0.05
 """Share of the image that exposure is measured on, at least."""
 _STEADY = 0.03
-"""A ratio of mean intensities this near to 1 is what motion alone makes of it: no change of exposure."""
+"""A ratio of intensities this near to 1 is what motion alone makes of it: no change of exposure."""
 _VGA_PIXELS = 640 * 480
 """Published pixel counts are those of this image size."""
 
@@ -79,7 +79,7 @@ class ModelView:
 
 
 def exposure_gain(frame: tuple, model: tuple) -> float:
-    """How much darker (> 1) the frame was exposed than the model: the ratio of mean intensities.
+    """How much darker (> 1) the frame was exposed than the model: the median ratio of intensities.
 
     Cameras with automatic exposure change it by a tenth and more within a second, which Eq. 2 would take for
     motion. Between two frames hardly anything moves on the coarsest level, so the same pixels are compared: those
@@ -96,7 +96,8 @@ def exposure_gain(frame: tuple, model: tuple) -> float:
     shared &= (light > _DARK) & (light < _BRIGHT) & (reference > _DARK) & (reference < _BRIGHT)
     if np.count_nonzero(shared) < _MIN_SHARED * shared.size:
         return 1.0
-    gain = float(np.clip(reference[shared].mean() / light[shared].mean(), 0.5, 2.0))
+    # Not the ratio of means: a dark picture that leaves the image in a fast turn would pass for a change of exposure.
+    gain = float(np.clip(np.median(reference[shared] / light[shared]), 0.5, 2.0))
     return gain if abs(gain - 1) > _STEADY else 1.0
 
 
