@@ -9,7 +9,7 @@ import json
 import math
 import time
 from collections.abc import Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -79,7 +79,7 @@ def train(
         run = run_record(net, augmentation, config, images)
         state = start(out, net, config, run, init, resume, ranks)
         stream = AugmentedStream(images, augmentation, config, with_depth=net.channels == 4)
-        loop(state, stream, held_back, out, run, ranks, workers=workers, progress=progress, log=log)
+        loop(state, stream, held_back, Job(out, run, ranks, workers, progress, log))
         about = {"data": [str(path) for path in data], "val": str(val), "stages": earlier_stages(init)}
         about |= {"seconds": round(state.seconds, 1), "device": device, "processes": ranks.world}
         about["images_per_second"] = round(state.step * config.batch / max(state.seconds, 1e-9), 2)
@@ -87,6 +87,19 @@ def train(
             finish(out, held_back, {**run, **about, **(notes or {})}, ranks.device) if ranks.first else None
         )
         return ranks.of_first(record)
+
+
+@dataclass(frozen=True)
+class Job:
+    """Where a training goes on, and with how much ado: what does not change its result."""
+
+    out: Path
+    record: dict
+    """Of `run_record`, kept in the checkpoint."""
+    ranks: Ranks
+    workers: int
+    progress: bool
+    log: bool
 
 
 def run_record(
@@ -117,51 +130,33 @@ def start(
     return state
 
 
-def loop(
-    state: State,
-    stream: AugmentedStream,
-    held_back: LabelledImages,
-    out: Path,
-    run: dict,
-    ranks: Ranks,
-    *,
-    workers: int,
-    progress: bool,
-    log: bool,
-) -> None:
+def loop(state: State, stream: AugmentedStream, held_back: LabelledImages, job: Job) -> None:
     """All steps that are left, with validations and checkpoints by rank 0."""
-    config, images = stream.config, stream.images
+    config, images, ranks = stream.config, stream.images, job.ranks
     loader = DataLoader(
         stream,
         batch_size=config.batch // ranks.world,
         sampler=ranks.samples(state.step, config.steps, config.batch),
-        num_workers=workers,
+        num_workers=job.workers,
     )
     weights = torch.from_numpy(class_weights(images, config.balance, config.shares, config.balance_power))
     weights = weights.to(ranks.device)
     parallel = ranks.parallel(state.model)
-    events = Log(out / "log", state.step, log and ranks.first)
+    events = Log(job.out / "log", state.step, job.log and ranks.first)
     started = time.monotonic() - state.seconds
     losses: list[float] = []
-    shown = progress and ranks.first
+    shown = job.progress and ranks.first
     bar = tqdm(loader, initial=state.step, total=config.steps, unit="step", disable=not shown)
     for batch in bar:
-        losses.append(train_step(state, batch, weights, config, ranks.device, ranks, parallel))
+        losses.append(train_step(state, batch, weights, config, ranks, parallel))
         events.step(state.step, losses[-1], learning_rate(state.step - 1, config))
         bar.set_postfix({"loss": f"{losses[-1]:.3f}", "best class_avg": f"{max(state.best, 0):.3f}"})
         if state.step % config.validate_every == 0 or state.step == config.steps:
             state.seconds = time.monotonic() - started
             if ranks.first:
-                validate(
-                    state,
-                    averaged_model(state, stream),
-                    held_back,
-                    out,
-                    config,
-                    float(np.mean(losses)),
-                    events,
-                )
-                save_checkpoint(out / "checkpoint.safetensors", state, run)
+                model, loss = averaged_model(state, stream), float(np.mean(losses))
+                validate(state, model, held_back, job.out, config, loss, events)
+                save_checkpoint(job.out / "checkpoint.safetensors", state, job.record)
             losses.clear()
     events.close()
 
@@ -208,8 +203,7 @@ def train_step(
     batch: list[Tensor],
     weights: Tensor,
     config: TrainConfig,
-    device: str,
-    ranks: Ranks | None = None,
+    ranks: Ranks,
     parallel: nn.Module | None = None,
 ) -> float:
     """One optimiser step on a batch of the stream, or on this rank's share of it; the loss of the whole batch.
@@ -219,14 +213,13 @@ def train_step(
         weights: of the classes in the loss, shape (classes,).
         parallel: the model that averages gradients over the ranks; None: there is one rank.
     """
-    ranks = ranks or Ranks(device=device)
     torch.manual_seed(config.seed * 1_000_003 + state.step + 7919 * ranks.rank)  # of dropout
     for group in state.optimiser.param_groups:
         group["lr"] = learning_rate(state.step, config) * group["scale"]
-    images, labels, *depth = (tensor.to(device) for tensor in batch)
+    images, labels, *depth = (tensor.to(ranks.device) for tensor in batch)
     labels = labels.long()
     state.model.train()
-    with torch.autocast(torch.device(device).type, torch.bfloat16, enabled=config.precision == "bf16"):
+    with torch.autocast(torch.device(ranks.device).type, torch.bfloat16, enabled=config.precision == "bf16"):
         logits = (parallel or state.model)(to_input(images, *depth)).float()
     # Class-weighted mean over all ranks; void weighs 0. The clamp keeps a batch without any label finite.
     total = F.cross_entropy(logits, labels, weight=weights, reduction="sum")

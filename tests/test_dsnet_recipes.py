@@ -118,22 +118,52 @@ def test_the_log_holds_losses_and_validations(images, tmp_path):
     assert {"train/loss", "train/lr", "val/miou", "val_iou/wall"} <= set(tags["scalars"]) and tags["images"]
 
 
-@pytest.mark.slow
-def test_two_processes_learn_what_one_does(images, tmp_path):
-    """Batch norms, weights of the loss and gradients are those of the whole batch; a resume goes on with it."""
-    flags = "--steps 3 --batch 4 --size 64 64 --workers 0 --no-log --validate-every 3 --lr 1e-3"
-    flags += " --net.layers 1 --net.growth 4 --net.stem-convs 1 --net.dropout 0 --ema 0"
-    argv = ["-m", "dsmap.tools.cli", "train", "--data", str(images), "--val", str(images), *flags.split()]
-    environment = {**os.environ, "OMP_NUM_THREADS": "1"}
+SHORT = (
+    "--batch 4 --size 64 64 --workers 0 --no-log --validate-every 3 --lr 1e-3"
+    " --net.layers 1 --net.growth 4 --net.stem-convs 1 --net.dropout 0 --ema 0"
+)
+CUT = """
+import sys
+from dsmap.dsnet import train as training
+from dsmap.tools import cli
+step = training.train_step
+def killed(state, *rest):
+    if state.step == 4:
+        sys.exit(9)
+    return step(state, *rest)
+training.train_step = killed
+sys.exit(cli.main())
+"""
+
+
+def run_training(out, data, steps, processes, *more, program=("-m", "dsmap.tools.cli")):
+    """`dsmap train` on one process or on several; returns the exit code."""
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    launch = ["-m", "torch.distributed.run", "--nproc-per-node=2", f"--master-port={port}"]
-    for name, start in (("one", []), ("two", launch), ("two", launch)):
-        again = ["--resume"] if (tmp_path / name).exists() else []
-        command = [sys.executable, *start, *argv, "--out", str(tmp_path / name), *again]
-        subprocess.run(command, env=environment, check=True, timeout=600)
+    launch = ["-m", "torch.distributed.run", f"--nproc-per-node={processes}", f"--master-port={port}"]
+    argv = ["train", "--data", str(data), "--val", str(data), "--out", str(out), "--steps", str(steps)]
+    command = [sys.executable, *(launch if processes > 1 else []), *program, *argv, *SHORT.split(), *more]
+    return subprocess.run(command, env={**os.environ, "OMP_NUM_THREADS": "1"}, timeout=600).returncode
+
+
+@pytest.mark.slow
+def test_two_processes_learn_what_one_does(images, tmp_path):
+    """Batch norms, weights of the loss and gradients are those of the whole batch; a resume goes on with it."""
+    assert run_training(tmp_path / "one", images, 3, 1) == 0
+    assert run_training(tmp_path / "two", images, 3, 2) == 0
+    assert run_training(tmp_path / "two", images, 3, 2, "--resume") == 0
     one, _ = load_weights(tmp_path / "one" / "best.safetensors")
     two, _ = load_weights(tmp_path / "two" / "best.safetensors")
     for key, tensor in one.state_dict().items():
         torch.testing.assert_close(tensor, two.state_dict()[key], rtol=2e-3, atol=2e-3, msg=key)
+
+
+@pytest.mark.slow
+def test_two_processes_that_were_killed_go_on_where_they_were(images, tmp_path):
+    (tmp_path / "cut.py").write_text(CUT)
+    assert run_training(tmp_path / "whole", images, 6, 2) == 0
+    assert run_training(tmp_path / "cut", images, 6, 2, program=[str(tmp_path / "cut.py")]) != 0
+    assert (tmp_path / "cut" / "checkpoint.safetensors").exists()
+    assert run_training(tmp_path / "cut", images, 6, 2, "--resume") == 0
+    assert len({weights_hash(tmp_path / name / "best.safetensors") for name in ("whole", "cut")}) == 1

@@ -21,6 +21,7 @@ from dsmap.dsnet.datasets.registry import open_set  # noqa: E402
 from dsmap.dsnet.measure import fit_temperature, score  # noqa: E402
 from dsmap.dsnet.model import DSNet  # noqa: E402
 from dsmap.dsnet.predict import DSNetSegmenter, load_segmenter  # noqa: E402
+from dsmap.dsnet.ranks import Ranks  # noqa: E402
 from dsmap.errors import InputError  # noqa: E402
 from dsmap.frame import Frame, Intrinsics  # noqa: E402
 from dsmap.sequences import SequenceWriter  # noqa: E402
@@ -197,7 +198,7 @@ def test_a_batch_without_any_label_changes_little(images):
     batch = [torch.zeros(2, 64, 64, 3, dtype=torch.uint8), torch.zeros(2, 32, 32, dtype=torch.uint8)]
     weights = torch.ones(14)
     weights[0] = 0
-    assert training.train_step(state, batch, weights, CONFIG, "cpu") == 0
+    assert training.train_step(state, batch, weights, CONFIG, Ranks()) == 0
     assert all(torch.isfinite(p).all() for p in state.model.parameters())
 
 
