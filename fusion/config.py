@@ -177,9 +177,12 @@ class RelocaliseConfig:
     min_same: float = 0.8
     """Share of that in which the depths agree."""
     max_seen_through: float = 0.1
-    """Share of that in which the frame looks through a surface of the model, for a pose that was tracked..."""
-    max_seen_through_lost: float = 0.02
-    """... and for one that was found: true ones have at most 1 %, one that sat a kitchen cabinet too far had 4 %."""
+    """Share of that in which the frame looks through a surface of the model."""
+    certain_seen_through: float = 0.02
+    """A pose that was found with less than this is believed at once. True poses of rendered rooms have at most 1 %,
+    those of a Kinect up to 7 %; one that sat a kitchen cabinet too far had 4 %..."""
+    sightings: int = 3
+    """... so with more, this many frames in a row have to find the same place."""
     min_ncc: float = 0.55
     """Correlation of the intensities, local mean taken off."""
     min_texture: float = 0.55

@@ -21,6 +21,7 @@ from dsmap.fusion.loop_checks import Overlap, explained_rms, objection, overlap,
 from dsmap.fusion.loop_constraints import ClosedLoops, constraints
 from dsmap.fusion.loop_record import LoopRecord, Match, Moment
 from dsmap.fusion.relocalise import Relocaliser
+from dsmap.fusion.sightings import Sightings
 from dsmap.fusion.sweep import swept
 from dsmap.fusion.tracker import Health, ModelView, Tracker
 from dsmap.fusion.trajectory import TrajectoryPoint, extrapolated, poses_of, way
@@ -45,8 +46,8 @@ comes into view may lie beside the active one."""
 
 
 class LoopCloser:
-    """Closes loops; owns the keyframes. Everything it remembers is `ferns`, `records`, `closed`,
-    `verified` and `refused`.
+    """Closes loops; owns the keyframes. Everything it remembers is `ferns`, `sightings`, `records`,
+    `closed`, `verified` and `refused`.
 
     Args:
         config: every parameter.
@@ -69,6 +70,7 @@ class LoopCloser:
         size = small_size(intrinsics, config.ferns.width)
         self.ferns = FernDatabase(config.ferns, size, (config.depth_min, config.depth_max), config.ferns.seed)
         self._relocaliser = Relocaliser(config.relocalise, config.track, cameras, intrinsics, size)
+        self.sightings = Sightings(config.relocalise)
         self.records: list[LoopRecord] = []
         self.closed = ClosedLoops()
         self.verified = _NEVER
@@ -101,7 +103,8 @@ class LoopCloser:
     ) -> np.ndarray | None:
         """T_world_camera of a frame that tracking lost, found in the whole map, or None.
 
-        Sought where the last motion would have led, turned to where the frame fits; then by keyframes.
+        Sought where the last motion would have led, turned to where the frame fits; then by keyframes. A pose that is
+        not certain has to be found in several frames in a row.
         """
         small = small_view(frame[0].colour.numpy(), frame[0].vertex.numpy()[..., 2], self.ferns.size)
         candidates = self.ferns.candidates(self.ferns.encode(small), time, min_age=0)
@@ -109,7 +112,7 @@ class LoopCloser:
         turned = swept(frame[-1], self.views.cameras[-1], likely, self._coarse)[:_TURNED]
         guesses = [*turned, *likely[:1]]
         found = self._relocaliser.relocalise(frame, small, candidates, self._whole, guesses)
-        return None if found is None else found.T_world_camera
+        return self.sightings.pose(time, found)
 
     def wake(self, frame: Sequence[FrameMaps], T_world_camera: np.ndarray, time: int, t_active: int) -> None:
         """Make the map that a relocalised frame sees active again."""
@@ -150,7 +153,7 @@ class LoopCloser:
             return self._whole(T_world_camera, t_max=now.t_active - 1)
 
         found = self._relocaliser.relocalise(now.frame, small, candidates, inactive_at)
-        if found is None:
+        if found is None or not found.certain:
             self.rejected = "; ".join(self._relocaliser.rejected)
             return False
         return self._try("global", now, found.T_world_camera, found.similarity)

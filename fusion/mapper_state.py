@@ -44,6 +44,7 @@ def mapper_state(mapper: Mapper) -> tuple[dict[str, np.ndarray], dict[str, Any]]
         arrays |= {_FERNS + name: array for name, array in closer.ferns.state().items()}
         arrays |= {"closed.points": closer.closed.points, "closed.times": closer.closed.times}
         plain |= {"verified": closer.verified, "refused": closer.refused}
+        plain["sightings"] = [[time, T.tolist()] for time, T in closer.sightings.seen]
         plain["loops"] = [record_values(record) for record in closer.records]
     return arrays, plain
 
@@ -126,6 +127,7 @@ def _restore_map(mapper: Mapper, surfels: SurfelMap, meta: dict[str, Any]) -> No
     closer.ferns = FernDatabase.from_state(mapper.config.ferns, closer.ferns.size, _part(arrays, _FERNS))
     closer.closed.points, closer.closed.times = arrays["closed.points"], arrays["closed.times"]
     closer.verified, closer.refused = plain["verified"], plain["refused"]
+    closer.sightings.seen = [(time, np.array(T)) for time, T in plain.get("sightings", [])]
     closer.records[:] = [
         LoopRecord(**values | {"T_destination_frame": np.array(values["T_destination_frame"])})
         for values in plain["loops"]

@@ -66,6 +66,8 @@ class Relocation:
     similarity: float
     health: Health
     agreement: Agreement
+    certain: bool
+    """Whether it is to be believed by itself; else see `sightings`."""
 
 
 class Relocaliser:
@@ -111,7 +113,7 @@ class Relocaliser:
         predict_at: Callable[[np.ndarray], ModelView],
         guesses: Sequence[np.ndarray] = (),
     ) -> Relocation | None:
-        """The pose of a frame in the map, or None.
+        """The pose of a frame in the map, or None: the first certain one, else the first that passes.
 
         Args:
             maps: of the frame, finest first.
@@ -120,15 +122,18 @@ class Relocaliser:
             predict_at: renders the model at T_world_camera; all of it, or its inactive part only.
             guesses: poses T_world_camera near which the camera may be, tried first.
         """
-        self.rejected = []
+        self.rejected, uncertain = [], None
         imagined = ((self._imagined(predict_at(T)), 1.0) for T in guesses)
         for keyframe, similarity in itertools.chain(imagined, candidates):
             found = self._verify(maps, view, keyframe, similarity, predict_at)
             if isinstance(found, Relocation):
-                return found
+                if found.certain:
+                    return found
+                uncertain = uncertain or found
+                found = f"uncertain, {found.agreement.seen_through:.0%} of the model is seen through"
             name = "guess" if keyframe.index == _GUESS else f"keyframe {keyframe.index}"
             self.rejected.append(f"{name}: {found}")
-        return None
+        return uncertain
 
     def _verify(
         self,
@@ -156,8 +161,8 @@ class Relocaliser:
             return f"point-to-plane RMS {health.rms_icp * 1e3:.1f} mm"
         vertex, _, intensity, _ = predict_at(T).levels[0]
         found = agreement(maps[0], vertex, intensity, config)
-        reason = disagreement(found, replace(config, max_seen_through=config.max_seen_through_lost))
-        return reason or Relocation(T, keyframe, similarity, health, found)
+        certain = found.seen_through <= config.certain_seen_through
+        return disagreement(found, config) or Relocation(T, keyframe, similarity, health, found, certain)
 
     def _imagined(self, model: ModelView) -> Keyframe:
         """A keyframe that was never taken: the model rendered from a guessed pose."""
@@ -194,6 +199,8 @@ def agreement(frame: FrameMaps, vertex: wp.array, intensity: wp.array, config: R
     both = (z > 0) & known
     through = both & (z > farthest + slack)
     same = both & ~through & (z > nearest - slack)
+    # Rims of things, which a sensor tears, are thin; a surface that is not there is not.
+    through = cv2.morphologyEx(through.astype(np.uint8), cv2.MORPH_OPEN, _WINDOW)
     total = max(np.count_nonzero(both), 1)
     light, model_light = (image.numpy()[::skip, ::skip] for image in (frame.intensity, intensity))
     texture, rival = texture_match(light, model_light, same)

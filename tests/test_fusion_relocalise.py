@@ -7,12 +7,20 @@ import pytest
 from test_kernels_odometry import INTRINSICS, room
 
 from dsmap.frame import Frame
-from dsmap.fusion.config import FernConfig, MapConfig
+from dsmap.fusion.config import FernConfig, MapConfig, RelocaliseConfig
 from dsmap.fusion.ferns import FernDatabase, small_size, small_view
 from dsmap.fusion.lie import exp_se3, inverse, rotation_angle
 from dsmap.fusion.mapper import LEVELS, Mapper
 from dsmap.fusion.pose_check import PoseCheck
-from dsmap.fusion.relocalise import Relocaliser, agreement, correlation, disagreement, texture_match
+from dsmap.fusion.relocalise import (
+    Relocaliser,
+    Relocation,
+    agreement,
+    correlation,
+    disagreement,
+    texture_match,
+)
+from dsmap.fusion.sightings import Sightings
 from dsmap.fusion.sweep import best_shift, swept
 from dsmap.fusion.tracker import Health, ModelView
 from dsmap.fusion.trajectory import TrajectoryPoint, extrapolated
@@ -207,17 +215,37 @@ def test_a_guess_is_turned_to_where_the_frame_fits(mapped):
     assert swept(maps[0], mapper.cameras[0], [], render) == []
 
 
-def test_a_pose_that_was_found_may_look_through_less_of_the_model_than_a_tracked_one(mapped):
-    """4 % of the model seen through: a kitchen seen from one cabinet too far to the side had that and fitted."""
-    mapper, _, relocaliser, _ = mapped
+def test_a_pose_that_looks_through_part_of_the_model_is_not_certain(mapped):
+    """A kitchen seen from one cabinet too far to the side looked through 4 % of it, and fitted."""
     truth = exp_se3(np.array([0.05, 0.02, 0.0, 0.0, -0.04, 0.0]))
     rgb, depth = room(truth)
-    depth = depth + np.float32(0.3) * (np.mgrid[:72, :96][0] > 68)
-    assert locate(mapped, rgb, depth) is None
-    assert any("seen through" in reason for reason in relocaliser.rejected), relocaliser.rejected
-    lenient = replace(mapper.config.relocalise, max_seen_through_lost=0.1)
-    strict, relocaliser.config = relocaliser.config, lenient
-    try:
-        assert locate(mapped, rgb, depth) is not None, relocaliser.rejected
-    finally:
-        relocaliser.config = strict
+    found = locate(mapped, rgb, depth)
+    assert found is not None and found.certain
+    found = locate(mapped, rgb, depth + np.float32(0.3) * (np.mgrid[:72, :96][0] > 67))
+    assert found is not None and not found.certain and found.agreement.seen_through > 0.02
+    assert locate(mapped, rgb, depth + np.float32(0.3) * (np.mgrid[:72, :96][0] > 55)) is None
+
+
+def test_rims_of_things_do_not_count_as_seen_through(mapped):
+    truth = exp_se3(np.array([0.05, 0.02, 0.0, 0.0, -0.04, 0.0]))
+    rgb, depth = room(truth)
+    torn = depth + np.float32(0.3) * (np.mgrid[:72, :96][1] % 24 // 2 == 5)
+    found = locate(mapped, rgb, torn)
+    assert found is not None and found.agreement.seen_through < 0.01
+
+
+def sighting(certain: bool, x: float = 0.0) -> Relocation:
+    T = exp_se3(np.array([x, 0, 0, 0, 0, 0]))
+    return Relocation(T, None, 1.0, None, None, certain)  # type: ignore[arg-type]
+
+
+def test_uncertain_poses_count_if_several_frames_in_a_row_find_them():
+    sightings = Sightings(RelocaliseConfig(sightings=3))
+    assert sightings.pose(1, sighting(True)) is not None, "a certain one counts at once"
+    answers = [sightings.pose(t, sighting(False, 0.02 * t)) for t in (2, 3, 4)]
+    assert answers[:2] == [None, None] and answers[2][0, 3] == pytest.approx(0.08)
+    assert sightings.seen == [], "it starts anew"
+    for times, places in (((2, 3, 5), (0, 0, 0)), ((2, 3, 4), (0, 0, 0.3)), ((2, 3, 4), (0, None, 0))):
+        sightings = Sightings(RelocaliseConfig(sightings=3))
+        found = [None if x is None else sighting(False, x) for x in places]
+        assert all(sightings.pose(t, f) is None for t, f in zip(times, found, strict=True))
