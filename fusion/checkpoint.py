@@ -81,7 +81,7 @@ def load_map(path: Path | str, device: Any = "cpu") -> tuple[SurfelMap, dict[str
             f"{path}: tensors {', '.join(missing)} are missing; expected a whole dsmap checkpoint"
         )
     arrays.setdefault("depth_times", np.full(len(arrays["times"]), np.nan))  # older files
-    meta["config"] = fill(MapConfig(), meta["config"], f"{path}: config")
+    meta["config"] = fill(MapConfig(), meta["config"], f"{path}: config", strict=False)
     meta["plain"] = meta.pop(METADATA)
     meta["arrays"] = {n.removeprefix("state."): a for n, a in arrays.items() if n.startswith("state.")}
     return surfels_from(arrays, path, device), meta | {

@@ -11,13 +11,14 @@ from dsmap.errors import InputError
 T = TypeVar("T")
 
 
-def fill(default: T, values: dict[str, Any], where: str) -> T:
+def fill(default: T, values: dict[str, Any], where: str, strict: bool = True) -> T:
     """A copy of a dataclass with the given values; absent fields keep theirs.
 
     Args:
         default: an instance of a dataclass, whose fields may be dataclasses themselves.
         values: nested dict of plain values, by field name.
         where: the file, or whatever messages should name.
+        strict: False passes over parameters that are not known: those of a map that an older dsmap saved.
 
     Raises:
         InputError: an unknown parameter, or a value of the wrong type.
@@ -29,10 +30,12 @@ def fill(default: T, values: dict[str, Any], where: str) -> T:
     changes = {}
     for name, value in values.items():
         if name not in names:
+            if not strict:
+                continue
             raise InputError(f"{where}: unknown parameter {name!r}; expected one of {', '.join(names)}")
         old = getattr(default, name)
         if dataclasses.is_dataclass(old):
-            changes[name] = fill(old, value, f"{where}: {name}")
+            changes[name] = fill(old, value, f"{where}: {name}", strict)
         else:
             changes[name] = _checked(value, hints[name], f"{where}: {name}")
     return dataclasses.replace(default, **changes)  # type: ignore[type-var]

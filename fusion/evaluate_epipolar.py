@@ -112,7 +112,10 @@ def _match(first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarra
     if len(a) < _MIN_MATCHES:
         return None
     cv2.setRNGSeed(0)
-    F, fits = cv2.findFundamentalMat(a, b, cv2.USAC_MAGSAC, _INLIER_PX, 0.999, 5000)
+    try:
+        F, fits = cv2.findFundamentalMat(a, b, cv2.USAC_MAGSAC, _INLIER_PX, 0.999, 5000)
+    except cv2.error:  # OpenCV's own assertion, where no geometry fits at all (seen with images of two rooms)
+        return None
     if F is None or fits.sum() < _MIN_MATCHES:
         return None
     return a[fits.ravel() > 0], b[fits.ravel() > 0]

@@ -15,7 +15,7 @@ from test_fusion_mapper import FRAMES, INTRINSICS, config, frames
 from dsmap.errors import InputError
 from dsmap.frame import Frame
 from dsmap.fusion.checkpoint import FORMAT, load_map, read_metadata, save_map
-from dsmap.fusion.config import LabelConfig
+from dsmap.fusion.config import LabelConfig, MapConfig
 from dsmap.fusion.lie import inverse
 from dsmap.fusion.localise import Localiser
 from dsmap.fusion.mapper import Mapper
@@ -192,7 +192,7 @@ def test_foreign_older_and_damaged_checkpoints_are_refused(saved, tmp_path):
         (rewritten(path, tmp_path / "a", {"format": "dsmap.map/1"}), f"'dsmap.map/1'; expected '{FORMAT}'"),
         (rewritten(path, tmp_path / "b", {"state": None}), "damaged metadata"),
         (rewritten(path, tmp_path / "c", {"config": "{"}), "damaged metadata"),
-        (rewritten(path, tmp_path / "d", {"config": '{"colour": 1}'}), "unknown parameter 'colour'"),
+        (rewritten(path, tmp_path / "d", {"config": '{"depth_max": "far"}'}), "depth_max is 'far'"),
         (rewritten(path, tmp_path / "e", (), {"weight": None}), "tensors weight are missing"),
         (rewritten(path, tmp_path / "f", (), {"weight": np.zeros(3, np.float32)}), "weight has float32"),
         (rewritten(path, tmp_path / "g", (), {"label": np.zeros((3, 2), np.int64)}), "label has int64"),
@@ -204,4 +204,6 @@ def test_foreign_older_and_damaged_checkpoints_are_refused(saved, tmp_path):
         surfels, meta = load_map(rewritten(path, tmp_path / "h", (), {name: None}))
         with pytest.raises(InputError, match="does not fit"):
             restore(Mapper(meta["config"], loop_room.INTRINSICS), surfels, meta, "h")
+    older = rewritten(path, tmp_path / "i", {"config": '{"relocalise": {"once": 1}, "depth_max": 5.0}'})
+    assert load_map(older)[1]["config"] == MapConfig(depth_max=5.0), "a parameter that is gone is passed over"
     assert read_metadata(tmp_path / "whole.safetensors")["time"] == 40

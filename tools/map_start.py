@@ -202,7 +202,7 @@ def plain_values(values: Any) -> Any:
 
 
 def _saved_config(path: Path) -> MapConfig:
-    return fill(MapConfig(), read_metadata(path)["config"], str(path))
+    return fill(MapConfig(), read_metadata(path)["config"], str(path), strict=False)
 
 
 def _positive(text: str) -> int:
