@@ -69,3 +69,11 @@ def test_the_table_says_none_where_nothing_can_be_said(recording):
     table = epipolar_table(recording, {0: np.eye(4), 1: TRUE}, still, (1, 40))
     assert table["epipolar_px"]["1"] == pytest.approx(0.15, abs=0.15)
     assert table["epipolar_px"]["40"] is None and table["epipolar_given_px"] == {"1": None, "40": None}
+
+
+def test_images_that_share_nothing_and_opencv_s_own_failures_give_no_matches(recording, monkeypatch):
+    def fails(*_):
+        raise cv2.error("!model.empty()")
+
+    monkeypatch.setattr(cv2, "findFundamentalMat", fails)
+    assert match_frames(recording, [0, 1], 1) == {}
