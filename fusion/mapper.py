@@ -13,6 +13,7 @@ import warp as wp
 from dsmap.errors import InputError
 from dsmap.frame import Frame, Intrinsics, orthonormal
 from dsmap.fusion.config import MapConfig
+from dsmap.fusion.device import chosen_device
 from dsmap.fusion.integrate import Integrator
 from dsmap.fusion.lie import inverse
 from dsmap.fusion.loop_closure import LoopCloser
@@ -22,7 +23,7 @@ from dsmap.fusion.pose_check import PoseCheck
 from dsmap.fusion.segmenter import Segmenter
 from dsmap.fusion.semantics import Schedule
 from dsmap.fusion.tracker import Health, ModelView, Tracker
-from dsmap.fusion.trajectory import TrajectoryPoint
+from dsmap.fusion.trajectory import TrajectoryPoint, extrapolated
 from dsmap.fusion.views import Views, has_left, pyramid_cameras
 from dsmap.kernels.compact import Sweep
 from dsmap.kernels.culling import Blocks
@@ -77,7 +78,7 @@ class Mapper:
         self.config = config
         self.intrinsics = intrinsics
         self.segmenter = segmenter
-        self.device = _device(config.device)
+        self.device = chosen_device(config.device)
         self.cameras = pyramid_cameras(intrinsics, LEVELS)
         self.camera = self.cameras[0]
         self.tracker = Tracker(config.track, self.cameras)
@@ -217,20 +218,27 @@ class Mapper:
             self._track(maps, self.view, result)
 
     def _track(self, maps: list[FrameMaps], view: ModelView, result: StepResult) -> None:
-        """Track from the last pose; after a gap the map is searched first, which looks closer and further."""
+        """Track from the last pose; after a gap the map is searched first, which looks closer and further.
+
+        Where that leads astray (much motion and little to hold on to), once more from where constant motion leads.
+        """
         gap = bool(self.trajectory) and not self.trajectory[-1].tracked
         if gap and self.closer:
             self._relocalise(maps, result)
         if result.tracked:
             return
-        T_view_last = inverse(view.T_world_camera) @ self.T_world_camera
-        T_prev_cur, result.health = self.tracker.track(maps, view, T_view_last)
-        T = orthonormal(view.T_world_camera @ T_prev_cur)
-        result.reason = self.check.objection(maps, T, result.health, self.trajectory, self.view_t_active)
-        result.tracked = not result.reason
-        if result.tracked:
-            self.T_world_camera = T
-        elif self.closer and not gap:
+        T_view_world, t_min = inverse(view.T_world_camera), self.view_t_active
+        for expected in (None, *extrapolated(self.trajectory)[:1]):
+            start, again = T_view_world @ self.T_world_camera, expected is not None
+            T_prev_cur, health = self.tracker.track(
+                maps, view, start, T_view_world @ expected if again else None
+            )
+            T, result.health = orthonormal(view.T_world_camera @ T_prev_cur), health
+            result.reason = self.check.objection(maps, T, health, self.trajectory, t_min, again)
+            if not result.reason:
+                self.T_world_camera, result.tracked = T, True
+                return
+        if self.closer and not gap:
             self._relocalise(maps, result)
 
     def _relocalise(self, maps: list[FrameMaps], result: StepResult) -> None:
@@ -287,14 +295,3 @@ class Mapper:
         if self.device.is_cuda:
             wp.synchronize_device(self.device)
         self._clock[name] = (time.perf_counter() - start) * 1e3
-
-
-def _device(name: str) -> wp.Device:
-    chosen = name
-    if name == "auto":
-        chosen = "cuda:0" if wp.is_cuda_available() else "cpu"
-    if chosen.startswith("cuda") and not wp.is_cuda_available():
-        raise InputError(
-            f"device {name!r} was asked for, but this machine has no CUDA driver; expected --device cpu"
-        )
-    return wp.get_device(chosen)

@@ -44,6 +44,7 @@ class PoseCheck:
         health: Health,
         trajectory: Sequence[TrajectoryPoint],
         t_min: int,
+        doubted: bool = False,
     ) -> str:
         """Why the pose is not believed, in words; empty if it is.
 
@@ -51,10 +52,11 @@ class PoseCheck:
             frame: maps of the frame, finest first.
             trajectory: of all frames before this one.
             t_min: surfels updated since then take part.
+            doubted: look at the whole image in any case.
         """
         if not health.tracked:
             return health.reason
-        if not self.surprising(T_world_camera, health, trajectory):
+        if not doubted and not self.surprising(T_world_camera, health, trajectory):
             return ""
         self.views.render(T_world_camera, self._maps, level=self._level, t_min=t_min)
         found = agreement(

@@ -116,13 +116,18 @@ class Tracker:
         self.last_coarse = self.aligner.pyramid(intensity)
 
     def track(
-        self, frame: Sequence[FrameMaps], model: ModelView, T_model_last: np.ndarray | None = None
+        self,
+        frame: Sequence[FrameMaps],
+        model: ModelView,
+        T_model_last: np.ndarray | None = None,
+        T_model_expected: np.ndarray | None = None,
     ) -> tuple[np.ndarray, Health]:
         """Register a frame to a model view.
 
         Args:
-            T_model_last: where the last frame was, shape (4, 4), from which the search starts; default: the view's
-                own place.
+            T_model_last: where the last frame was, shape (4, 4), from which the search starts, turned as the images
+                tell; default: the view's own place.
+            T_model_expected: start here instead, without a look at the images.
 
         Returns:
             T_prev_cur, shape (4, 4), which takes points of the current camera into the model view's, and
@@ -134,6 +139,8 @@ class Tracker:
             T_prev_cur[:3, :3] = self.aligner.rotation(current, self.last_coarse)
         if T_model_last is not None:
             T_prev_cur = T_model_last @ T_prev_cur
+        if T_model_expected is not None:
+            T_prev_cur = T_model_expected
         source = [(maps.vertex, maps.normal, maps.intensity) for maps in frame]
         gain = exposure_gain(source[-1], model.levels[-1]) if self.config.exposure else 1.0
         return self.register(source, model, T_prev_cur, gain=gain)

@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -177,3 +178,22 @@ def test_loops_do_not_depend_on_the_number_of_threads(tmp_path):
     assert saved[0]["loops"] > 0
     for name in saved[0].files:
         np.testing.assert_array_equal(saved[0][name], saved[1][name], err_msg=name)
+
+
+def test_a_search_that_leads_astray_begins_once_more_where_constant_motion_leads():
+    m = mapper(mode="off")
+    for step in range(8):
+        assert m.step(frame(step, step)).tracked
+    track, starts = m.tracker.track, []
+
+    def astray(maps, view, last, expected=None):
+        starts.append(expected)
+        T, health = track(maps, view, last, expected)
+        return T, health if expected is not None else replace(health, tracked=False, reason="astray")
+
+    m.tracker.track = astray
+    result = m.step(frame(8, 8))
+    assert result.tracked and not result.relocalised and error(m, 8) < 0.01
+    assert [start is None for start in starts] == [True, False]
+    m.tracker.track = lambda *a: (track(*a)[0], replace(track(*a)[1], tracked=False, reason="astray"))
+    assert m.step(frame(9, 9)).reason == "astray"
