@@ -15,7 +15,10 @@ from dsmap.dsnet.nets import build
 from dsmap.errors import InputError
 from dsmap.files import atomic_path
 
-SHIPPED = {name: Path(__file__).parent / "weights" / f"{name}.safetensors" for name in ("dsnet", "dsnet-l")}
+SHIPPED = {
+    name: Path(__file__).parent / "weights" / f"{name}.safetensors"
+    for name in ("dsnet", "dsnet-l", "dsnet-photos")
+}
 """Weights that come with dsmap; wherever a file is asked for, the name does."""
 WEIGHTS_FORMAT = "dsmap.dsnet"
 TRAINING_FORMAT = "dsmap.dsnet.training"
