@@ -228,18 +228,21 @@ class Mapper:
         if result.tracked:
             return
         T_view_world, t_min = inverse(view.T_world_camera), self.view_t_active
-        for expected in (None, *extrapolated(self.trajectory)[:1]):
-            start, again = T_view_world @ self.T_world_camera, expected is not None
-            T_prev_cur, health = self.tracker.track(
-                maps, view, start, T_view_world @ expected if again else None
-            )
+        last = T_view_world @ self.T_world_camera
+        for expected in self._expected():
+            start = None if expected is None else T_view_world @ expected
+            T_prev_cur, health = self.tracker.track(maps, view, last, start)
             T, result.health = orthonormal(view.T_world_camera @ T_prev_cur), health
-            result.reason = self.check.objection(maps, T, health, self.trajectory, t_min, again)
+            result.reason = self.check.objection(maps, T, health, self.trajectory, t_min, start is not None)
             if not result.reason:
                 self.T_world_camera, result.tracked = T, True
                 return
         if self.closer and not gap:
             self._relocalise(maps, result)
+
+    def _expected(self) -> Iterator[np.ndarray | None]:
+        yield None  # tracking's own start
+        yield from extrapolated(self.trajectory)[:1]
 
     def _relocalise(self, maps: list[FrameMaps], result: StepResult) -> None:
         assert self.closer is not None
