@@ -65,14 +65,14 @@ typecheck: $(VENV)/.dev
 
 # Renders 260 scenes (seeds 1000..1259; evaluations use 0..99) and 12 for validation (900..911), then trains the nets
 # that ship, on them and on NYUv2 (the image folder or the .mat file, which you must have: NYU=PATH). Everything goes
-# on where it stopped. About three hours on 2 free cores.
+# on where it stopped. About four hours on 2 free cores.
 ROOMS := runs/rooms
 NYU ?= data/nyuv2_13_train
 VIEWS := --scene mix --path views --size 320x240 --effects mild
 weights: $(VENV)/.demo
 	$(BIN)/dsmap render-scene $(ROOMS)/val $(VIEWS) --count 12 --seed 900 --frames 12
 	$(BIN)/dsmap render-scene $(ROOMS)/train $(VIEWS) --count 260 --seed 1000 --frames 14
-	for net in dsnet dsnet-l dsnet-photos; do \
+	for net in dsnet dsnet-l dsnet-photos dsnet-l-photos; do \
 		$(BIN)/dsmap train --recipe $$net-nyuv2 --places rooms=$(ROOMS) nyu=$(NYU) --out runs/$$net --resume && \
 		cp runs/$$net/best.safetensors dsnet/weights/$$net.safetensors || exit; \
 	done

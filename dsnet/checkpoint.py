@@ -17,7 +17,7 @@ from dsmap.files import atomic_path
 
 SHIPPED = {
     name: Path(__file__).parent / "weights" / f"{name}.safetensors"
-    for name in ("dsnet", "dsnet-l", "dsnet-photos")
+    for name in ("dsnet", "dsnet-l", "dsnet-photos", "dsnet-l-photos")
 }
 """Weights that come with dsmap; wherever a file is asked for, the name does."""
 WEIGHTS_FORMAT = "dsmap.dsnet"

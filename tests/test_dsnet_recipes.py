@@ -94,7 +94,7 @@ def test_a_recipe_trains_all_stages_the_same_twice_and_resumes(images, tmp_path,
 
 
 def test_shipped_recipes_are_options_of_train_and_mistakes_are_named(tmp_path):
-    for name in ("dsnet-nyuv2", "dsnet-l-nyuv2", "dsnet-photos-nyuv2", "voc-nyu"):
+    for name in ("dsnet-nyuv2", "dsnet-l-nyuv2", "dsnet-photos-nyuv2", "dsnet-l-photos-nyuv2", "voc-nyu"):
         for stage in load_recipe(name):
             assert parse_stage(stage, Args, tmp_path).data
     assert words({"net": {"depth": True}, "size": [1, 2]}) == ["--net.depth", "--size", "1", "2"]
