@@ -228,21 +228,21 @@ class Mapper:
         if result.tracked:
             return
         T_view_world, t_min = inverse(view.T_world_camera), self.view_t_active
-        last = T_view_world @ self.T_world_camera
-        for expected in self._expected():
-            start = None if expected is None else T_view_world @ expected
-            T_prev_cur, health = self.tracker.track(maps, view, last, start)
+        for T_start, first in self._starts():
+            T_prev_cur, health = self.tracker.track(maps, view, T_view_world @ T_start, first)
             T, result.health = orthonormal(view.T_world_camera @ T_prev_cur), health
-            result.reason = self.check.objection(maps, T, health, self.trajectory, t_min, start is not None)
+            result.reason = self.check.objection(maps, T, health, self.trajectory, t_min, not first)
             if not result.reason:
                 self.T_world_camera, result.tracked = T, True
                 return
         if self.closer and not gap:
             self._relocalise(maps, result)
 
-    def _expected(self) -> Iterator[np.ndarray | None]:
-        yield None  # tracking's own start
-        yield from extrapolated(self.trajectory)[:1]
+    def _starts(self) -> Iterator[tuple[np.ndarray, bool]]:
+        """T_world_camera from which a frame is searched for, and whether it is the first try."""
+        yield self.T_world_camera, True
+        for expected in extrapolated(self.trajectory)[:1]:
+            yield expected, False
 
     def _relocalise(self, maps: list[FrameMaps], result: StepResult) -> None:
         assert self.closer is not None

@@ -9,6 +9,7 @@ with the model, because look-alike places agree where they were registered and d
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import cv2
@@ -18,6 +19,7 @@ import warp as wp
 from dsmap.frame import Intrinsics, orthonormal
 from dsmap.fusion.config import RelocaliseConfig, TrackConfig
 from dsmap.fusion.ferns import Keyframe, SmallView, small_view
+from dsmap.fusion.texture import at_all_shifts, detail, textured
 from dsmap.fusion.tracker import Health, ModelView, Tracker
 from dsmap.kernels.camera import make_camera
 from dsmap.kernels.preprocess import preprocess
@@ -31,8 +33,6 @@ _FARTHEST = 0.4
 """Largest shift, as a share of the image's size."""
 _LEAST_SHARED = 0.4
 """Shifts that leave less than this share of the common pixels are not considered."""
-_FAINT = 0.01
-"""Texture weaker than this (intensity in [0, 1]) is noise."""
 _GUESS = -1
 """Index of a keyframe that is a guess."""
 _CPU = wp.get_device("cpu")
@@ -235,7 +235,7 @@ def correlation(a: np.ndarray, b: np.ndarray, mask: np.ndarray) -> float:
 
     Without that, any bright wall over any dark floor would correlate.
     """
-    a, b = (image[mask] for image in _details(a, b, mask))
+    a, b = (detail(image, mask)[mask] for image in (a, b))
     norm = float(np.sqrt((a @ a) * (b @ b)))
     return float(a @ b) / norm if norm > 1e-9 else 0.0
 
@@ -249,31 +249,11 @@ def texture_match(a: np.ndarray, b: np.ndarray, mask: np.ndarray) -> tuple[float
     scale = min(_RIVAL_WIDTH / a.shape[1], 1.0)
     images = [cv2.resize(i, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA) for i in (a, b)]
     mask = cv2.resize(mask.astype(np.uint8), images[0].shape[::-1], interpolation=cv2.INTER_NEAREST) > 0
-    weight, size = mask.astype(np.float32), _window(mask)
-    share = np.maximum(cv2.boxFilter(weight, -1, size), 1e-6)
-    a, b = (image * weight for image in _details(*images, mask))
-    a, b = (i / np.sqrt(cv2.boxFilter(i * i, -1, size) / share + _FAINT**2) for i in (a, b))
-    y, x = (int(_FARTHEST * n) for n in mask.shape)
-
-    def shifted(moving: np.ndarray, still: np.ndarray) -> np.ndarray:
-        around = cv2.copyMakeBorder(moving, y, y, x, x, cv2.BORDER_CONSTANT, value=0.0)
-        return cv2.matchTemplate(around, still, cv2.TM_CCORR)  # the middle is no shift
-
+    (a, weight), (b, _) = (textured(image, mask) for image in images)
+    reach = y, x = int(_FARTHEST * mask.shape[0]), int(_FARTHEST * mask.shape[1])
+    shifted = partial(at_all_shifts, reach=reach)
     power = shifted(b * b, weight) * shifted(weight, a * a)
     enough = shifted(weight, weight) > _LEAST_SHARED * weight.sum()
     gain = np.where(enough & (power > 1e-9), shifted(b, a) / np.sqrt(np.maximum(power, 1e-9)), 0.0)
     here = float(gain[y - 1 : y + 2, x - 1 : x + 2].max())
     return here, max(float(gain.max()) - here, 0.0)
-
-
-def _window(mask: np.ndarray) -> tuple[int, int]:
-    """Size of the neighbourhood [px] that tells what is local in an image: a tenth of its width."""
-    return (2 * (mask.shape[1] // 20) + 1,) * 2
-
-
-def _details(a: np.ndarray, b: np.ndarray, mask: np.ndarray) -> list[np.ndarray]:
-    """Two images without their local mean."""
-    weight = mask.astype(np.float32)
-    size = _window(mask)
-    share = np.maximum(cv2.boxFilter(weight, -1, size), 1e-6)
-    return [image - cv2.boxFilter(image * weight, -1, size) / share for image in (a, b)]

@@ -6,12 +6,13 @@ aside, and the frame's texture is shifted over each picture: a shift of a pictur
 """
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
-import cv2
 import numpy as np
 
 from dsmap.fusion.lie import exp_so3
+from dsmap.fusion.texture import at_all_shifts, textured
 from dsmap.kernels.types import FrameMaps
 
 ASIDE_DEG = 25.0
@@ -20,8 +21,6 @@ _FARTHEST = 0.45
 """Largest shift, as a share of the image's size."""
 _LEAST_SHARED = 0.2
 """Shifts that leave less than this share of the frame's pixels are not considered."""
-_FAINT = 0.01
-"""Texture weaker than this (intensity in [0, 1]) is noise."""
 
 Small = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 """Renders the model at T_world_camera on the coarsest level: intensity and where it is known, both (h, w)."""
@@ -58,27 +57,14 @@ def best_shift(
         a, b: intensities in [0, 1], shape (H, W); known_a, known_b: where they are valid.
     """
     (a, weight_a), (b, weight_b) = textured(a, known_a), textured(b, known_b)
-    y, x = (int(_FARTHEST * n) for n in a.shape)
-
-    def shifted(moving: np.ndarray, still: np.ndarray) -> np.ndarray:
-        around = cv2.copyMakeBorder(moving, y, y, x, x, cv2.BORDER_CONSTANT, value=0.0)
-        return cv2.matchTemplate(around, still, cv2.TM_CCORR)
-
+    reach = y, x = int(_FARTHEST * a.shape[0]), int(_FARTHEST * a.shape[1])
+    shifted = partial(at_all_shifts, reach=reach)
     share = np.maximum(shifted(weight_b, weight_a), 0) / max(float(weight_a.sum()), 1.0)
     power = shifted(b * b, weight_a) * shifted(weight_b, a * a)
     fair = (share > _LEAST_SHARED) & (power > 1e-6)
     likeness = np.where(fair, shifted(b, a) * np.sqrt(share / np.where(fair, power, 1.0)), 0.0)
     top = np.unravel_index(int(np.argmax(likeness)), likeness.shape)
     return float(likeness[top]), int(top[0]) - y, int(top[1]) - x
-
-
-def textured(image: np.ndarray, known: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """An image without its local mean, its contrast made alike everywhere, 0 where unknown; and the weights."""
-    weight = known.astype(np.float32)
-    size = (2 * (known.shape[1] // 20) + 1,) * 2
-    share = np.maximum(cv2.boxFilter(weight, -1, size), 1e-6)
-    detail = (image - cv2.boxFilter(image * weight, -1, size) / share) * weight
-    return detail / np.sqrt(cv2.boxFilter(detail * detail, -1, size) / share + _FAINT**2), weight
 
 
 def _turned(T: np.ndarray, down: float, right: float) -> np.ndarray:

@@ -119,28 +119,25 @@ class Tracker:
         self,
         frame: Sequence[FrameMaps],
         model: ModelView,
-        T_model_last: np.ndarray | None = None,
-        T_model_expected: np.ndarray | None = None,
+        T_model_start: np.ndarray | None = None,
+        prealign: bool = True,
     ) -> tuple[np.ndarray, Health]:
         """Register a frame to a model view.
 
         Args:
-            T_model_last: where the last frame was, shape (4, 4), from which the search starts, turned as the images
-                tell; default: the view's own place.
-            T_model_expected: start here instead, without a look at the images.
+            T_model_start: where the search starts, shape (4, 4); default: the view's own place.
+            prealign: turn that first as the images tell, from the last frame's to this one's.
 
         Returns:
             T_prev_cur, shape (4, 4), which takes points of the current camera into the model view's, and
             the verdict. The transform of a lost frame is the best that was found: do not use it.
         """
         T_prev_cur = np.eye(4)
-        if self.config.so3 and self.last_coarse is not None:
+        if prealign and self.config.so3 and self.last_coarse is not None:
             current = self.aligner.pyramid(frame[-1].intensity)
             T_prev_cur[:3, :3] = self.aligner.rotation(current, self.last_coarse)
-        if T_model_last is not None:
-            T_prev_cur = T_model_last @ T_prev_cur
-        if T_model_expected is not None:
-            T_prev_cur = T_model_expected
+        if T_model_start is not None:
+            T_prev_cur = T_model_start @ T_prev_cur
         source = [(maps.vertex, maps.normal, maps.intensity) for maps in frame]
         gain = exposure_gain(source[-1], model.levels[-1]) if self.config.exposure else 1.0
         return self.register(source, model, T_prev_cur, gain=gain)

@@ -186,14 +186,14 @@ def test_a_search_that_leads_astray_begins_once_more_where_constant_motion_leads
         assert m.step(frame(step, step)).tracked
     track, starts = m.tracker.track, []
 
-    def astray(maps, view, last, expected=None):
-        starts.append(expected)
-        T, health = track(maps, view, last, expected)
-        return T, health if expected is not None else replace(health, tracked=False, reason="astray")
+    def astray(maps, view, start, prealign):
+        starts.append(prealign)
+        T, health = track(maps, view, start, prealign)
+        return T, health if not prealign else replace(health, tracked=False, reason="astray")
 
     m.tracker.track = astray
     result = m.step(frame(8, 8))
     assert result.tracked and not result.relocalised and error(m, 8) < 0.01
-    assert [start is None for start in starts] == [True, False]
+    assert starts == [True, False], "prealigned, then as constant motion says"
     m.tracker.track = lambda *a: (track(*a)[0], replace(track(*a)[1], tracked=False, reason="astray"))
     assert m.step(frame(9, 9)).reason == "astray"

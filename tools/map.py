@@ -70,7 +70,8 @@ class Args:
     segmenter: str = "dsnet"
     """dsnet, labels (the recording's own), none, or module:factory returning a segmenter."""
     weights: str | None = None
-    """Weights of the network: a file, or one that comes with dsmap: dsnet (default), dsnet-l (better, slower)."""
+    """Weights of the network: a file, or one that comes with dsmap: dsnet (default), dsnet-l (better, slower),
+    dsnet-photos, dsnet-l-photos (the same for photographs alone)."""
     engine: Literal["auto", "torch", "onnx"] = "auto"
     """What runs the network: torch, onnx (ONNX Runtime, CPU), or auto: the faster one that is installed."""
     label_noise: float = 0.0
