@@ -88,7 +88,7 @@ def explained_rms(
         That RMS [m], and the share of the pixels seen in both views that are associated.
     """
     source, model = active.surface[level], inactive.levels[level]
-    (A, b, _, count), _ = tracker.normal_equations(level, source, model, np.eye(4))
+    (A, b, _, count), _ = tracker.normal_equations(level, source, model)(np.eye(4))
     if count == 0:
         return float(np.inf), 0.0
     step = np.linalg.lstsq(A, b, rcond=1e-4)[0]

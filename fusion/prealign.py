@@ -60,10 +60,9 @@ def _align(
     last_gradient: wp.array,
 ) -> np.ndarray:
     best, best_cost = R_prev_cur, np.inf
+    equations = rotation_normal_equations(camera, intensity, last_intensity, last_gradient)
     for _ in range(_ITERATIONS):
-        A, b, cost, count = rotation_normal_equations(
-            camera, R_prev_cur, intensity, last_intensity, last_gradient
-        )
+        A, b, cost, count = equations(R_prev_cur)
         if count < _MIN_PIXELS or cost / count >= best_cost:
             break
         best, best_cost = R_prev_cur, cost / count

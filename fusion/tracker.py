@@ -1,6 +1,6 @@
 """Frame-to-model tracking: joint point-to-plane ICP and photometric Gauss-Newton, coarse to fine (Eq. 1-3)."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -163,10 +163,9 @@ class Tracker:
         iterations = iterations or self.config.iterations
         icp = rgb = None
         for level in reversed(range(model.finest, len(self.cameras))):
+            equations = self.normal_equations(level, source[level], model.levels[level], gain)
             for _ in range(iterations[level]):
-                icp, rgb = self.normal_equations(
-                    level, source[level], model.levels[level], T_model_source, gain
-                )
+                icp, rgb = equations(T_model_source)
                 # Eq. 3: E = E_icp + w_rgb E_rgb
                 w_rgb = self._w_rgb(icp, rgb)
                 xi = solve(icp[0] + w_rgb * rgb[0], icp[1] + w_rgb * rgb[1])
@@ -179,12 +178,10 @@ class Tracker:
         return T_model_source, self._verdict(source, model.finest, icp, rgb, diverged)
 
     def normal_equations(
-        self, level: int, source: tuple, model: tuple, T_model_source: np.ndarray, gain: float = 1.0
-    ) -> tuple:
+        self, level: int, source: tuple, model: tuple, gain: float = 1.0
+    ) -> Callable[[np.ndarray], tuple]:
         """Of Eq. 1 and Eq. 2 on one pyramid level: see `joint_normal_equations`, with the configured gates."""
-        return joint_normal_equations(
-            self.cameras[level], T_model_source, self._gates(level, gain), source, model
-        )
+        return joint_normal_equations(self.cameras[level], self._gates(level, gain), source, model)
 
     def _w_rgb(self, icp: tuple, rgb: tuple) -> float:
         """The weight of the photometric term: less where the depth is much better than the colour."""

@@ -8,6 +8,7 @@ import warp as wp
 
 from dsmap.kernels.camera import Camera, rotate, to_transform, transform
 from dsmap.kernels.launch import Slice, launch_rows
+from dsmap.kernels.prefetch import AHEAD, fetch_early
 from dsmap.kernels.types import FrameMaps, SurfelMap
 
 SIGMA = 0.6
@@ -36,6 +37,12 @@ def _sample_weights(width: int, height: int, device: str) -> tuple[wp.array, wp.
     return wp.array(columns, device=device), wp.array(rows, device=device)
 
 
+_STEPS = wp.types.vector(8, wp.int32)
+_STEP_X = wp.constant(_STEPS(-1, 1, 0, 0, -1, 1, -1, 1))
+_STEP_Y = wp.constant(_STEPS(0, 0, -1, 1, -1, -1, 1, 1))
+"""To the neighbours of a pixel, the likeliest first: the search ends at the first that fits."""
+
+
 @wp.func
 def _is_represented(
     camera: Camera,
@@ -47,10 +54,12 @@ def _is_represented(
     match: wp.array2d(dtype=wp.int32),
     position: wp.array(dtype=wp.vec3),
 ) -> bool:
-    """Whether a matched surfel of the 3x3 neighbourhood lies within one pixel of it, along the surface."""
+    """Whether the matched surfel of a neighbour lies within one pixel of an unmatched one, along the surface."""
     footprint = v[2] / camera.fx
-    for yy in range(wp.max(y - 1, 0), wp.min(y + 2, camera.height)):
-        for xx in range(wp.max(x - 1, 0), wp.min(x + 2, camera.width)):
+    for k in range(8):
+        yy = y + _STEP_Y[k]
+        xx = x + _STEP_X[k]
+        if xx >= 0 and yy >= 0 and xx < camera.width and yy < camera.height:
             i = match[yy, xx]
             if i >= 0:
                 off = transform(T_camera_world, position[i]) - v
@@ -108,6 +117,13 @@ def _average(
     row, lane = wp.tid()
     y = s.first + s.stride * row
     for x in range(lane, camera.width, s.step):
+        soon = match[y, wp.min(x + AHEAD, camera.width - 1)]
+        fetch_early(position, soon)
+        fetch_early(normal, soon)
+        fetch_early(colour, soon)
+        fetch_early(weight, soon)
+        fetch_early(radius, soon)
+        fetch_early(t_updated, soon)
         i = match[y, x]
         if i >= 0:
             w = weight[i]

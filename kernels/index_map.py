@@ -22,6 +22,7 @@ from dsmap.kernels.pixel_min import (
     scratch,
     take_key,
 )
+from dsmap.kernels.prefetch import AHEAD, fetch_early
 from dsmap.kernels.types import SurfelMap
 
 WHOLE_FROM = wp.constant(2.2)
@@ -38,9 +39,11 @@ _NOTHING = wp.constant(1.0e30)
 ALWAYS = 2**31 - 1
 """Largest frame number: no upper end of a time window."""
 
-_FACES = {"own": wp.int32, "rank": wp.float32, "centre": wp.vec4, "facing": wp.vec4}
-"""Of the surfel whose key won a pixel: its index; its depth among others [m]; position [m] and squared radius;
-normal and weight (world frame)."""
+_face = wp.types.vector(length=8, dtype=wp.float32)
+"""Of the surfel whose key won a pixel, in the camera's frame, in half a cache line: centre [m], squared radius,
+normal, and 1 where it stands back (see `_rank_depth`), else 0."""
+_KEPT = {"own": wp.int32, "rank": wp.float32, "face": _face}
+"""A pixel's winner: its index, its depth among others [m], its face. One row: kernels index them by pixel."""
 
 
 @wp.struct
@@ -144,106 +147,108 @@ def _splat(
 
 @wp.kernel(enable_backward=False)
 def _centres(
-    s: Slice, camera: Camera,
+    s: Slice, camera: Camera, T_camera_world: wp.mat44, select: Visible,
     position: wp.array(dtype=wp.vec3), normal: wp.array(dtype=wp.vec3),
     weight: wp.array(dtype=wp.float32), radius: wp.array(dtype=wp.float32),
-    keys: wp.array2d(dtype=wp.uint64), own: wp.array2d(dtype=wp.int32), rank: wp.array2d(dtype=wp.float32),
-    centre: wp.array2d(dtype=wp.vec4), facing: wp.array2d(dtype=wp.vec4),
+    keys: wp.array2d(dtype=wp.uint64), own: wp.array(dtype=wp.int32), rank: wp.array(dtype=wp.float32),
+    face: wp.array(dtype=_face),
 ):  # fmt: skip
     # The winner of every pixel, side by side: its neighbours ask for it up to nine times.
     row, lane = wp.tid()
     y = s.first + s.stride * row
     for x in range(lane, camera.width, s.step):
-        best = take_key(keys, y * camera.width + x)
+        at = y * camera.width + x
+        soon = key_index(keys[0, wp.min(at + AHEAD, keys.shape[1] - 1)])  # of EMPTY: -1
+        fetch_early(position, soon)
+        fetch_early(normal, soon)
+        fetch_early(weight, soon)
+        fetch_early(radius, soon)
+        best = take_key(keys, at)
         winner = int(-1)
         depth = float(_NOTHING)
         if best != EMPTY:
             winner = key_index(best)
             depth = key_value(best)
             r = radius[winner]
-            p = position[winner]
-            n = normal[winner]
-            centre[y, x] = wp.vec4(p[0], p[1], p[2], r * r)
-            facing[y, x] = wp.vec4(n[0], n[1], n[2], weight[winner])
-        own[y, x] = winner
-        rank[y, x] = depth
+            p = transform(T_camera_world, position[winner])
+            n = rotate(T_camera_world, normal[winner])
+            back = wp.where(weight[winner] < select.stable_weight, 1.0, 0.0)
+            face[at] = _face(p[0], p[1], p[2], r * r, n[0], n[1], n[2], back)
+        own[at] = winner
+        rank[at] = depth
 
 
 @wp.func
 def _best_around(
     camera: Camera,
-    T_world_camera: wp.mat44,
     select: Visible,
     x: int,
     y: int,
     front: float,
-    own: wp.array2d(dtype=wp.int32),
-    centre: wp.array2d(dtype=wp.vec4),
-    facing: wp.array2d(dtype=wp.vec4),
-) -> wp.vec2i:
+    rank: wp.array(dtype=wp.float32),
+    face: wp.array(dtype=_face),
+) -> int:
     """The pixel of the 3x3 neighbourhood (-1: none) whose surfel is, on the surface in front, nearest to the ray."""
-    eye = transform(T_world_camera, wp.vec3(0.0, 0.0, 0.0))
-    view = rotate(T_world_camera, ray(camera, float(x), float(y)))
-    best = wp.vec2i(-1, -1)
+    view = ray(camera, float(x), float(y))
+    best = int(-1)
     best_depth = float(0.0)
     best_off = float(0.0)
     for k in range(9):
         # The pixel itself and its four neighbours first; the corners only if none of them is in front.
-        xx = x + _STEP_X[k]
-        yy = y + _STEP_Y[k]
-        inside = xx >= 0 and yy >= 0 and xx < camera.width and yy < camera.height
-        if inside and (k < 5 or best[0] < 0 or best_depth > front + _thickness(front)):
-            f = facing[yy, xx]
-            if own[yy, xx] >= 0:
-                c = centre[yy, xx]
-                n = wp.vec3(f[0], f[1], f[2])
-                p = wp.vec3(c[0], c[1], c[2]) - eye
-                towards = wp.dot(n, view)
-                if towards < 0.0:
-                    z = wp.dot(n, p) / towards
-                    off = wp.length_sq(z * view - p)
-                    if k == 0 or (off <= c[3] and z <= select.max_depth):
-                        depth = _rank_depth(select, z, f[3])
-                        slack = _thickness(best_depth)
-                        nearer = depth < best_depth + slack and off < best_off
-                        if best[0] < 0 or depth < best_depth - slack or nearer:
-                            best = wp.vec2i(xx, yy)
-                            best_depth = depth
-                            best_off = off
+        # Over the border of the image lies the pixel at the border: asked twice it answers the same.
+        xx = wp.clamp(x + _STEP_X[k], 0, camera.width - 1)
+        yy = wp.clamp(y + _STEP_Y[k], 0, camera.height - 1)
+        at = yy * camera.width + xx
+        if rank[at] < _NOTHING and (k < 5 or best < 0 or best_depth > front + _thickness(front)):
+            f = face[at]
+            p = wp.vec3(f[0], f[1], f[2])
+            n = wp.vec3(f[4], f[5], f[6])
+            towards = wp.dot(n, view)
+            z = wp.dot(n, p) / towards
+            off = wp.length_sq(z * view - p)
+            depth = z + f[7] * (select.penalty + _thickness(z))
+            slack = _thickness(best_depth)
+            # Without branches: noise decides each of these, which a CPU cannot foresee.
+            hit = int(k == 0) | (int(off <= f[3]) & int(z <= select.max_depth))
+            nearer = int(depth < best_depth + slack) & int(off < best_off)
+            better = int(best < 0) | int(depth < best_depth - slack) | nearer
+            if (int(towards < 0.0) & hit & better) != 0:
+                best = at
+                best_depth = depth
+                best_off = off
     return best
 
 
 @wp.kernel(enable_backward=False)
 def _select(
-    s: Slice, camera: Camera, T_camera_world: wp.mat44, T_world_camera: wp.mat44, select: Visible,
-    own: wp.array2d(dtype=wp.int32),
-    rank: wp.array2d(dtype=wp.float32), centre: wp.array2d(dtype=wp.vec4), facing: wp.array2d(dtype=wp.vec4),
+    s: Slice, camera: Camera, select: Visible,
+    own: wp.array(dtype=wp.int32), rank: wp.array(dtype=wp.float32), face: wp.array(dtype=_face),
     index: wp.array2d(dtype=wp.int32), vertex: wp.array2d(dtype=wp.vec3), normal: wp.array2d(dtype=wp.vec3),
 ):  # fmt: skip
     row, lane = wp.tid()
     y = s.first + s.stride * row
-    above = wp.max(y - 1, 0)
-    below = wp.min(y + 1, camera.height - 1)
+    above = wp.max(y - 1, 0) * camera.width
+    here = y * camera.width
+    below = wp.min(y + 1, camera.height - 1) * camera.width
     for x in range(lane, camera.width, s.step):
         left = wp.max(x - 1, 0)
         right = wp.min(x + 1, camera.width - 1)
-        front = wp.min(wp.min(rank[above, left], rank[above, x]), rank[above, right])
-        front = wp.min(front, wp.min(wp.min(rank[y, left], rank[y, x]), rank[y, right]))
-        front = wp.min(front, wp.min(wp.min(rank[below, left], rank[below, x]), rank[below, right]))
+        front = wp.min(wp.min(rank[above + left], rank[above + x]), rank[above + right])
+        front = wp.min(front, wp.min(wp.min(rank[here + left], rank[here + x]), rank[here + right]))
+        front = wp.min(front, wp.min(wp.min(rank[below + left], rank[below + x]), rank[below + right]))
         seen = int(-1)
         v = wp.vec3(0.0, 0.0, 0.0)
         n = wp.vec3(0.0, 0.0, 0.0)
         if front < _NOTHING:
-            at = wp.vec2i(x, y)
-            if rank[y, x] > front + _thickness(front):
-                at = _best_around(camera, T_world_camera, select, x, y, front, own, centre, facing)
-            if at[0] >= 0:
-                seen = own[at[1], at[0]]
-                f = facing[at[1], at[0]]
-                c = centre[at[1], at[0]]
+            at = here + x
+            if rank[at] > front + _thickness(front):
+                at = _best_around(camera, select, x, y, front, rank, face)
+            if at >= 0:
+                seen = own[at]
+                f = face[at]
                 r = ray(camera, float(x), float(y))
-                n = rotate(T_camera_world, wp.vec3(f[0], f[1], f[2]))
-                v = ray_disc_depth(transform(T_camera_world, wp.vec3(c[0], c[1], c[2])), n, r) * r
+                n = wp.vec3(f[4], f[5], f[6])
+                v = ray_disc_depth(wp.vec3(f[0], f[1], f[2]), n, r) * r
         index[y, x] = seen
         vertex[y, x] = v
         normal[y, x] = n
@@ -282,16 +287,10 @@ def render_index(
     keys = key_buffer(*shape, m.device)
     inputs = [camera, T_camera_world, select, m.position, m.normal, m.weight, m.radius, m.t_updated]
     launch_blocks(_splat, visible, m.count, inputs, [keys], m.device)
-    faces = [scratch(name, shape, dtype, m.device) for name, dtype in _FACES.items()]
-    inputs = [camera, m.position, m.normal, m.weight, m.radius]
-    launch_rows(_centres, *shape, inputs, [keys, *faces], m.device)
+    kept = [scratch(name, (shape[0] * shape[1],), dtype, m.device) for name, dtype in _KEPT.items()]
+    inputs = [camera, T_camera_world, select, m.position, m.normal, m.weight, m.radius]
+    launch_rows(_centres, *shape, inputs, [keys, *kept], m.device)
     release(keys)
     if vertex is None or normal is None:
         vertex, normal = (scratch(name, shape, wp.vec3, m.device) for name in ("vertex", "normal"))
-    launch_rows(
-        _select,
-        *shape,
-        [camera, T_camera_world, to_transform(T_world_camera), select, *faces],
-        [index, vertex, normal],
-        m.device,
-    )
+    launch_rows(_select, *shape, [camera, select, *kept], [index, vertex, normal], m.device)

@@ -23,7 +23,9 @@ number of cores.
 import copy
 import functools
 import os
+import sys
 import threading
+from collections import deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
@@ -64,9 +66,24 @@ def _pool() -> ThreadPoolExecutor:
     return ThreadPoolExecutor(max_workers=num_threads(), thread_name_prefix="dsmap-launch")
 
 
+_here = threading.local()
+
+
+def step_aside() -> None:
+    """From now on the calling thread runs its launches alone and, on Linux, only where the cores have nothing else to
+    do: for work that another thread will want later. It cannot be taken back."""
+    _here.alone = True
+    if sys.platform == "linux":  # elsewhere a priority is that of the whole process
+        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), 19)
+
+
+def _threads_here() -> int:
+    return 1 if getattr(_here, "alone", False) else num_threads()
+
+
 def together(first: Callable[[], Any], second: Callable[[], Any], device: Any) -> tuple[Any, Any]:
     """The results of two functions that launch no kernels; on a CPU the second runs beside the first."""
-    if wp.get_device(device).is_cuda:
+    if wp.get_device(device).is_cuda or _threads_here() == 1:
         return first(), second()
     waiting = _pool().submit(second)
     return first(), waiting.result()
@@ -100,12 +117,25 @@ def launch_rows(
 
     `lanes` > 0 fixes the threads a row on every device (for reductions: one partial sum a lane).
     """
+    record_rows(kernel, rows, width, inputs, outputs, device, lanes)()
+
+
+def record_rows(
+    kernel: Any,
+    rows: int,
+    width: int,
+    inputs: Sequence[Any],
+    outputs: Sequence[Any],
+    device: Any,
+    lanes: int = 0,
+) -> "Recorded":
+    """The launch of `launch_rows`, to be run when it is called, as often as it is called."""
     if wp.get_device(device).is_cuda:
         lanes, slices = lanes or width, 1
     else:
-        lanes, slices = lanes or 1, num_threads() if rows * width >= _SMALL else 1
+        lanes, slices = lanes or 1, _threads_here() if rows * width >= _SMALL else 1
     parts = _slices(rows, rows, lanes, slices)
-    _run(kernel, [(part, (n, lanes)) for part, n in parts], inputs, outputs, device)
+    return Recorded(kernel, [(part, (n, lanes)) for part, n in parts], inputs, outputs, device)
 
 
 def launch_items(kernel: Any, count: int, inputs: Sequence[Any], outputs: Sequence[Any], device: Any) -> None:
@@ -115,9 +145,9 @@ def launch_items(kernel: Any, count: int, inputs: Sequence[Any], outputs: Sequen
     if wp.get_device(device).is_cuda:
         step, slices = 1, 1
     else:
-        step, slices = CPU_BLOCK, num_threads() if count >= _SMALL else 1
+        step, slices = CPU_BLOCK, _threads_here() if count >= _SMALL else 1
     blocks = (count + step - 1) // step
-    _run(kernel, _slices(blocks, count, step, slices), inputs, outputs, device)
+    Recorded(kernel, _slices(blocks, count, step, slices), inputs, outputs, device)()
 
 
 @wp.func
@@ -149,8 +179,9 @@ def launch_blocks(
     if wp.get_device(device).is_cuda:
         step, slices = 1, 1
     else:
-        step, slices = BLOCK, num_threads() if surfels >= _SMALL else 1
-    _run(kernel, _slices(surfels // step, count, step, slices), [blocks, *inputs], outputs, device)
+        step, slices = BLOCK, _threads_here() if surfels >= _SMALL else 1
+    parts = _slices(surfels // step, count, step, slices)
+    Recorded(kernel, parts, [blocks, *inputs], outputs, device)()
 
 
 def all_blocks(count: int, device: Any) -> wp.array:
@@ -174,21 +205,46 @@ def _load(module: Any, device: str) -> None:
         module.load(wp.get_device(device))
 
 
-def _run(
-    kernel: Any, parts: Sequence[tuple[Slice, Any]], inputs: Sequence, outputs: Sequence, device: Any
-) -> None:
-    _load(kernel.module, wp.get_device(device).alias)
-    part, dim = parts[0]
-    inputs, outputs = [part, *inputs], list(outputs)
-    if len(parts) == 1:
-        wp.launch(kernel, dim=dim, inputs=inputs, outputs=outputs, device=device)
-        return
-    # The arguments, packed once for all slices: that costs about as much as a small kernel.
-    own = wp.launch(kernel, dim=dim, inputs=inputs, outputs=outputs, device=device, record_cmd=True)
-    waiting = [_pool().submit(_like(own, part, dim).launch) for part, dim in parts[1:]]
-    own.launch()
-    for future in waiting:
-        future.result()
+class Recorded:
+    """A launch whose arguments are packed once, for all its slices: that costs about as much as a small kernel."""
+
+    def __init__(
+        self,
+        kernel: Any,
+        parts: Sequence[tuple[Slice, Any]],
+        inputs: Sequence,
+        outputs: Sequence,
+        device: Any,
+    ):
+        _load(kernel.module, wp.get_device(device).alias)
+        part, dim = parts[0]
+        inputs, outputs = [part, *inputs], list(outputs)
+        own = wp.launch(kernel, dim=dim, inputs=inputs, outputs=outputs, device=device, record_cmd=True)
+        self._launches = [own, *(_like(own, part, dim) for part, dim in parts[1:])]
+
+    def change(self, position: int, value: Any) -> None:
+        """Another value for the input at this position, counted from the first after the slice."""
+        for launch in self._launches:
+            launch.set_param_at_index(position + 1, value)
+
+    def __call__(self) -> None:
+        """Run it, and on a CPU wait until it is done."""
+        waiting = deque(self._launches)
+        helpers = [_pool().submit(_work_off, waiting) for _ in range(min(_threads_here(), len(waiting)) - 1)]
+        _work_off(waiting)
+        for helper in helpers:
+            if not helper.cancel():  # it has begun
+                helper.result()
+
+
+def _work_off(waiting: deque) -> None:
+    """Run slices until none is left; a thread that another program holds up leaves its share to the others."""
+    while waiting:
+        try:
+            launch = waiting.popleft()
+        except IndexError:  # another thread was quicker
+            return
+        launch.launch()
 
 
 def _like(launch: Any, part: Slice, dim: Any) -> Any:

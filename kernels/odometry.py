@@ -5,12 +5,13 @@ same model view. T is T_prev_cur: it takes points of the current camera into the
 """
 
 import functools
+from collections.abc import Callable
 
 import numpy as np
 import warp as wp
 
 from dsmap.kernels.camera import Camera, pixel_of, project, ray, rotate, to_transform, transform
-from dsmap.kernels.launch import Slice, launch_rows
+from dsmap.kernels.launch import Slice, launch_rows, record_rows
 from dsmap.kernels.pixel_min import scratch
 
 SUMS = 29
@@ -227,45 +228,55 @@ def gradient(intensity: wp.array, vertex: wp.array | None = None) -> wp.array:
 
 
 def joint_normal_equations(
-    camera: Camera, T_prev_cur: np.ndarray, gates: Gates, frame: tuple, model: tuple
-) -> tuple[tuple, tuple]:
-    """Normal equations of Eq. 1 and Eq. 2 at the pose T_prev_cur, shape (4, 4).
+    camera: Camera, gates: Gates, frame: tuple, model: tuple
+) -> Callable[[np.ndarray], tuple[tuple, tuple]]:
+    """Normal equations of Eq. 1 and Eq. 2 between a frame and a model view, as a function of the pose.
 
     Args:
         frame: vertex, normal and intensity map of the current frame.
         model: vertex, normal, intensity and intensity gradient predicted from the active model.
 
     Returns:
-        For ICP and for the photometric term each: J^T J (6, 6), J^T r (6,), sum of squares, count. The
-        twist is (translation [m], rotation [rad]), applied on the left: exp(xi^) T.
+        A function of T_prev_cur, shape (4, 4). It gives, for ICP and for the photometric term each: J^T J (6, 6),
+        J^T r (6,), sum of squares, count. The twist is (translation [m], rotation [rad]), applied on the left:
+        exp(xi^) T.
     """
     device = frame[0].device
     rows = (camera.height + gates.stride - 1) // gates.stride
     lanes = _lanes(device)
     partial = [scratch(name, (rows, lanes), _sums, device) for name in ("icp", "rgb")]
-    inputs = [camera, to_transform(T_prev_cur), gates, *frame, *model]
-    launch_rows(_joint, rows, _COST * camera.width // gates.stride, inputs, partial, device, lanes)
-    # Summed in row order, so that the result does not depend on the number of slices.
-    icp, rgb = (p.numpy().reshape(-1, SUMS).sum(axis=0, dtype=np.float64) for p in partial)
-    return _unpack(icp, 6), _unpack(rgb, 6)
+    inputs = [camera, wp.mat44(), gates, *frame, *model]
+    launch = record_rows(_joint, rows, _COST * camera.width // gates.stride, inputs, partial, device, lanes)
+
+    def at(T_prev_cur: np.ndarray) -> tuple[tuple, tuple]:
+        launch.change(1, to_transform(T_prev_cur))
+        launch()
+        # Summed in row order, so that the result does not depend on the number of slices.
+        icp, rgb = (p.numpy().reshape(-1, SUMS).sum(axis=0, dtype=np.float64) for p in partial)
+        return _unpack(icp, 6), _unpack(rgb, 6)
+
+    return at
 
 
 def rotation_normal_equations(
-    camera: Camera,
-    R_prev_cur: np.ndarray,
-    intensity: wp.array,
-    last_intensity: wp.array,
-    last_gradient: wp.array,
-) -> tuple:
+    camera: Camera, intensity: wp.array, last_intensity: wp.array, last_gradient: wp.array
+) -> Callable[[np.ndarray], tuple]:
     """Normal equations of rotation-only alignment of two intensity images (SO(3) pre-alignment).
 
-    R_prev_cur has shape (3, 3); returns J^T J (3, 3), J^T r (3,), sum of squares, count.
+    Returns:
+        A function of R_prev_cur, shape (3, 3), that gives J^T J (3, 3), J^T r (3,), sum of squares, count.
     """
     device = intensity.device
-    T = np.eye(4)
-    T[:3, :3] = R_prev_cur
     lanes = _lanes(device)
     partial = scratch("rotation", (camera.height, lanes), _sums3, device)
-    inputs = [camera, to_transform(T), intensity, last_intensity, last_gradient]
-    launch_rows(_rotation, camera.height, camera.width, inputs, [partial], device, lanes)
-    return _unpack(partial.numpy().reshape(-1, 11).sum(axis=0, dtype=np.float64), 3)
+    inputs = [camera, wp.mat44(), intensity, last_intensity, last_gradient]
+    launch = record_rows(_rotation, camera.height, camera.width, inputs, [partial], device, lanes)
+
+    def at(R_prev_cur: np.ndarray) -> tuple:
+        T = np.eye(4)
+        T[:3, :3] = R_prev_cur
+        launch.change(1, to_transform(T))
+        launch()
+        return _unpack(partial.numpy().reshape(-1, 11).sum(axis=0, dtype=np.float64), 3)
+
+    return at

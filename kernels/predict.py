@@ -6,6 +6,7 @@ import warp as wp
 from dsmap.kernels.camera import Camera
 from dsmap.kernels.index_map import ALWAYS, UNSTABLE_PENALTY, render_index
 from dsmap.kernels.launch import Slice, launch_rows
+from dsmap.kernels.prefetch import AHEAD, fetch_early
 from dsmap.kernels.types import ModelMaps, SurfelMap
 
 
@@ -15,23 +16,22 @@ def _resolve(
     index: wp.array2d(dtype=wp.int32),
     colour: wp.array(dtype=wp.vec3),
     t_updated: wp.array(dtype=wp.int32),
-    label: wp.array(dtype=wp.uint8),
     out_colour: wp.array2d(dtype=wp.vec3),
     out_time: wp.array2d(dtype=wp.int32),
-    out_label: wp.array2d(dtype=wp.uint8),
 ):
     row, lane = wp.tid()
     y = s.first + s.stride * row
     for x in range(lane, index.shape[1], s.step):
+        soon = index[y, wp.min(x + AHEAD, index.shape[1] - 1)]
+        fetch_early(colour, soon)
+        fetch_early(t_updated, soon)
         i = index[y, x]
         if i >= 0:
             out_colour[y, x] = colour[i]
             out_time[y, x] = t_updated[i]
-            out_label[y, x] = label[i]
         else:
             out_colour[y, x] = wp.vec3(0.0, 0.0, 0.0)
             out_time[y, x] = -1
-            out_label[y, x] = wp.uint8(0)
 
 
 def predict_model(
@@ -53,7 +53,7 @@ def predict_model(
     The vertex is where the pixel's ray meets the surfel's disc. Which surfels are seen: see `render_index`
     (the active model is t_min = now - window, the inactive one t_max = now - window - 1); `visible` holds
     the blocks to walk (see `culling.Blocks`), None all. Pixels without
-    a surfel have index -1, vertex, normal and colour 0, time -1, label 0.
+    a surfel have index -1, vertex, normal and colour 0, time -1.
     """
     m = surfels
     render_index(
@@ -61,5 +61,5 @@ def predict_model(
         stable_weight=stable_weight, t_min=t_min, t_max=t_max, penalty=penalty, visible=visible,
         vertex=maps.vertex, normal=maps.normal,
     )  # fmt: skip
-    outputs = [maps.colour, maps.time, maps.label]
-    launch_rows(_resolve, *maps.index.shape, [maps.index, m.colour, m.t_updated, m.label], outputs, m.device)
+    inputs = [maps.index, m.colour, m.t_updated]
+    launch_rows(_resolve, *maps.index.shape, inputs, [maps.colour, maps.time], m.device)

@@ -43,7 +43,6 @@ class ModelMaps:
     normal: wp.array  # vec3
     colour: wp.array  # vec3 RGB in [0, 1]
     time: wp.array  # int32, frame number of the surfel's last update; -1 where none
-    label: wp.array  # uint8 class id; 0 where none or never labelled
 
     @staticmethod
     def empty(height: int, width: int, device: Any) -> "ModelMaps":
@@ -55,7 +54,6 @@ class ModelMaps:
             normal=wp.zeros(shape, dtype=wp.vec3, device=device),
             colour=wp.zeros(shape, dtype=wp.vec3, device=device),
             time=wp.full(shape, -1, dtype=wp.int32, device=device),
-            label=wp.zeros(shape, dtype=wp.uint8, device=device),
         )
 
 

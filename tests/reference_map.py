@@ -108,11 +108,11 @@ def predict_model(s, camera, T, index) -> dict[str, np.ndarray]:
     view, seen = rays(camera), index >= 0
     i = index[seen]
     maps = {name: np.zeros((*index.shape, 3)) for name in ("vertex", "normal", "colour")}
-    maps["time"], maps["label"] = np.full(index.shape, -1), np.zeros(index.shape, int)
+    maps["time"] = np.full(index.shape, -1)
     depth = (normal[i] * position[i]).sum(1) / (normal[i] * view[seen]).sum(1)
     maps["vertex"][seen] = depth[:, None] * view[seen]
     maps["normal"][seen], maps["colour"][seen] = normal[i], s["colour"][i]
-    maps["time"][seen], maps["label"][seen] = s["t_updated"][i], s["label"][i]
+    maps["time"][seen] = s["t_updated"][i]
     return maps
 
 

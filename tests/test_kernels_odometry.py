@@ -56,7 +56,7 @@ def test_joint_normal_equations(stride):
     gates = tracker._gates(1, gain=1.05)
     T = exp_se3(np.array([0.01, 0.0, 0.005, 0.0, 0.01, 0.0]))
     maps = (frame[1].vertex, frame[1].normal, frame[1].intensity)
-    got = odometry.joint_normal_equations(LEVELS[1], T, gates, maps, model.levels[1])
+    got = odometry.joint_normal_equations(LEVELS[1], gates, maps, model.levels[1])(T)
     arrays = [tuple(a.numpy().astype(np.float64) for a in group) for group in (maps, model.levels[1])]
     for ours, rows in zip(got, reference.joint_rows(LEVELS[1], T, gates, *arrays), strict=True):
         A, b, cost, count = reference.normal_equations(rows)
@@ -88,7 +88,7 @@ def test_rotation_normal_equations():
     R = exp_so3(np.array([0.0, 0.01, 0.0]))
     last = first[2].intensity
     gradient = odometry.gradient(last)
-    got = odometry.rotation_normal_equations(LEVELS[2], R, frame[2].intensity, last, gradient)
+    got = odometry.rotation_normal_equations(LEVELS[2], frame[2].intensity, last, gradient)(R)
     rows = reference.rotation_rows(LEVELS[2], R, frame[2].intensity.numpy(), last.numpy(), gradient.numpy())
     for ours, expected in zip(got, reference.normal_equations(rows), strict=True):
         np.testing.assert_allclose(ours, expected, rtol=1e-3, atol=1e-3 * np.abs(expected).max())
@@ -99,9 +99,9 @@ def test_lanes_do_not_change_the_sums(monkeypatch):
     frame, model, _ = pair(exp_se3(np.array([0.02, 0, 0, 0, 0.01, 0])))
     gates = Tracker(TrackConfig(stride=(1, 1, 1)), LEVELS)._gates(0)
     maps = (frame[0].vertex, frame[0].normal, frame[0].intensity)
-    one = odometry.joint_normal_equations(LEVELS[0], np.eye(4), gates, maps, model.levels[0])
+    one = odometry.joint_normal_equations(LEVELS[0], gates, maps, model.levels[0])(np.eye(4))
     monkeypatch.setattr(odometry, "_lanes", lambda device: odometry.CUDA_LANES)
-    many = odometry.joint_normal_equations(LEVELS[0], np.eye(4), gates, maps, model.levels[0])
+    many = odometry.joint_normal_equations(LEVELS[0], gates, maps, model.levels[0])(np.eye(4))
     for a, b in zip(one, many, strict=True):
         assert a[3] == b[3]
         np.testing.assert_allclose(a[0], b[0], rtol=1e-4, atol=1e-4 * np.abs(a[0]).max())
