@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from dsmap.errors import InputError
-from dsmap.fusion.lie import inverse, rotation_angle
+from dsmap.fusion.lie import apart, inverse
 from dsmap.fusion.run_reader import Run
 from dsmap.sequences import Sequence
 
@@ -79,7 +79,6 @@ def _judged(run: Run, loop: dict[str, Any], true: dict[int, np.ndarray]) -> dict
     judged = {"kind": loop.get("kind"), "frame": source, "frame_destination": destination}
     if source not in true or destination not in true:
         return judged | {"distance_m": None, "angle_deg": None, "wrong": None}
-    error = inverse(inverse(true[destination]) @ true[source]) @ T_destination_frame
-    distance, angle = float(np.linalg.norm(error[:3, 3])), float(np.rad2deg(rotation_angle(error)))
+    distance, angle = apart(inverse(true[destination]) @ true[source], T_destination_frame)
     wrong = not (distance <= MAX_DISTANCE and angle <= MAX_ANGLE_DEG)  # NaN is wrong too
     return judged | {"distance_m": distance, "angle_deg": angle, "wrong": wrong}

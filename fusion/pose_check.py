@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from dsmap.fusion.config import MapConfig
-from dsmap.fusion.lie import inverse, rotation_angle
+from dsmap.fusion.lie import apart, inverse
 from dsmap.fusion.relocalise import agreement, disagreement
 from dsmap.fusion.tracker import Health
 from dsmap.fusion.trajectory import TrajectoryPoint
@@ -75,6 +75,5 @@ class PoseCheck:
             return True
         before, last = (point.T_world_camera for point in trajectory[-2:])
         expected = last @ inverse(before) @ last if trajectory[-2].tracked else last
-        off = inverse(expected) @ T_world_camera
-        angle = np.rad2deg(rotation_angle(off))
-        return bool(np.linalg.norm(off[:3, 3]) > config.doubt_distance or angle > config.doubt_angle_deg)
+        distance, angle = apart(expected, T_world_camera)
+        return distance > config.doubt_distance or angle > config.doubt_angle_deg

@@ -121,10 +121,10 @@ def share_in_view(mapper: Mapper, frame: Frame, T_world_camera: np.ndarray) -> f
 
 def _longest(lost: np.ndarray, blind: np.ndarray) -> list[int]:
     """The longest row of lost frames; blind ones neither count nor end a row."""
-    longest: list[int] = []
-    row: list[int] = []
-    for frame, (is_lost, is_blind) in enumerate(zip(lost, blind, strict=True)):
-        if not is_blind:
-            row = [*row, frame] if is_lost else []
-        longest = row if len(row) > len(longest) else longest
-    return longest
+    rows: list[list[int]] = [[]]
+    for frame in np.flatnonzero(~blind):
+        if lost[frame]:
+            rows[-1].append(int(frame))
+        elif rows[-1]:
+            rows.append([])
+    return max(rows, key=len)

@@ -7,7 +7,7 @@ import numpy as np
 from dsmap.classes import CLASS_NAMES, NUM_CLASSES, VOID
 from dsmap.frame import Frame
 from dsmap.fusion.config import LabelConfig
-from dsmap.fusion.lie import inverse, rotation_angle
+from dsmap.fusion.lie import apart
 
 BLOB = 20
 """Size [px] of the blobs of wrong labels, at 640x480; scaled with the image's width."""
@@ -28,9 +28,8 @@ class Schedule:
         if self.config.every > 0:
             return (self.frames - 1) % self.config.every == 0
         if self.last is not None:
-            moved = inverse(self.last) @ T_world_camera
-            near = np.linalg.norm(moved[:3, 3]) < self.config.keyframe_distance
-            if near and np.rad2deg(rotation_angle(moved)) < self.config.keyframe_angle_deg:
+            distance, angle = apart(self.last, T_world_camera)
+            if distance < self.config.keyframe_distance and angle < self.config.keyframe_angle_deg:
                 return False
         self.last = T_world_camera.copy()
         return True

@@ -3,7 +3,7 @@
 import numpy as np
 
 from dsmap.fusion.config import RelocaliseConfig
-from dsmap.fusion.lie import inverse, rotation_angle
+from dsmap.fusion.lie import apart
 from dsmap.fusion.relocalise import Relocation
 
 _STEP_M, _STEP_DEG = 0.1, 10.0
@@ -43,6 +43,5 @@ class Sightings:
 
     def _follows(self, time: int, T_world_camera: np.ndarray) -> bool:
         before, T_before = self.seen[-1]
-        step = inverse(T_before) @ T_world_camera
-        near = np.linalg.norm(step[:3, 3]) < _STEP_M and np.rad2deg(rotation_angle(step)) < _STEP_DEG
-        return time == before + 1 and bool(near)
+        distance, angle = apart(T_before, T_world_camera)
+        return time == before + 1 and distance < _STEP_M and angle < _STEP_DEG

@@ -9,7 +9,7 @@ import warp as wp
 
 from dsmap.frame import Intrinsics
 from dsmap.fusion.config import MapConfig, TrackConfig
-from dsmap.fusion.lie import inverse, rotation_angle
+from dsmap.fusion.lie import apart
 from dsmap.fusion.tracker import ModelView
 from dsmap.kernels.camera import make_camera
 from dsmap.kernels.culling import Blocks
@@ -32,9 +32,8 @@ def pyramid_cameras(intrinsics: Intrinsics, levels: int) -> list[Any]:
 
 def has_left(config: TrackConfig, T_world_view: np.ndarray, T_world_camera: np.ndarray) -> bool:
     """Whether a camera is so far from where a view was predicted that it sees something else."""
-    moved = inverse(T_world_view) @ T_world_camera
-    angle = np.rad2deg(rotation_angle(moved))
-    return bool(np.linalg.norm(moved[:3, 3]) > config.predict_distance or angle > config.predict_angle_deg)
+    distance, angle = apart(T_world_view, T_world_camera)
+    return distance > config.predict_distance or angle > config.predict_angle_deg
 
 
 class Views:
