@@ -6,11 +6,12 @@ anyone. Such a trial is not passed either, but it is told apart.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
 from dsmap.frame import Frame
-from dsmap.fusion.lie import inverse, rotation_angle
+from dsmap.fusion.lie import apart, inverse
 from dsmap.fusion.mapper import Mapper
 
 WRONG_M, WRONG_DEG = 0.05, 3.0
@@ -80,12 +81,11 @@ def score_trial(
         in_view: share of every lost frame that the map shows from its true pose (`share_in_view`), shape (K,).
     """
     T_true_estimated = true[0] @ inverse(estimated[0])
-    off = [inverse(a) @ T_true_estimated @ b for a, b in zip(true, estimated, strict=True)]
-    distance = np.array([np.linalg.norm(T[:3, 3]) for T in off])
-    angle = np.rad2deg([rotation_angle(T) for T in off])
-    steps = [inverse(a) @ b for a, b in zip(true[:-1], true[1:], strict=True)]
-    turned = np.rad2deg([rotation_angle(T) for T in steps])
-    leaps = (np.array([np.linalg.norm(T[:3, 3]) for T in steps]) > _LEAP_M) | (turned > _LEAP_DEG)
+    distance, angle = np.array(
+        [apart(a, T_true_estimated @ b) for a, b in zip(true, estimated, strict=True)]
+    ).T
+    moved, turned = np.array([apart(a, b) for a, b in pairwise(true)]).reshape(-1, 2).T
+    leaps = (moved > _LEAP_M) | (turned > _LEAP_DEG)
     believed, found = np.asarray(tracked, bool), np.asarray(relocalised, bool)
     wrong = believed & ((distance > WRONG_M) | (angle > WRONG_DEG))
     lost = ~believed & ~blind

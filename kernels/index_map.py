@@ -41,7 +41,7 @@ ALWAYS = 2**31 - 1
 
 _face = wp.types.vector(length=8, dtype=wp.float32)
 """Of the surfel whose key won a pixel, in the camera's frame, in half a cache line: centre [m], squared radius,
-normal, and 1 where it stands back (see `_rank_depth`), else 0."""
+normal, weight."""
 _KEPT = {"own": wp.int32, "rank": wp.float32, "face": _face}
 """A pixel's winner: its index, its depth among others [m], its face. One row: kernels index them by pixel."""
 
@@ -147,7 +147,7 @@ def _splat(
 
 @wp.kernel(enable_backward=False)
 def _centres(
-    s: Slice, camera: Camera, T_camera_world: wp.mat44, select: Visible,
+    s: Slice, camera: Camera, T_camera_world: wp.mat44,
     position: wp.array(dtype=wp.vec3), normal: wp.array(dtype=wp.vec3),
     weight: wp.array(dtype=wp.float32), radius: wp.array(dtype=wp.float32),
     keys: wp.array2d(dtype=wp.uint64), own: wp.array(dtype=wp.int32), rank: wp.array(dtype=wp.float32),
@@ -172,8 +172,7 @@ def _centres(
             r = radius[winner]
             p = transform(T_camera_world, position[winner])
             n = rotate(T_camera_world, normal[winner])
-            back = wp.where(weight[winner] < select.stable_weight, 1.0, 0.0)
-            face[at] = _face(p[0], p[1], p[2], r * r, n[0], n[1], n[2], back)
+            face[at] = _face(p[0], p[1], p[2], r * r, n[0], n[1], n[2], weight[winner])
         own[at] = winner
         rank[at] = depth
 
@@ -206,7 +205,7 @@ def _best_around(
             towards = wp.dot(n, view)
             z = wp.dot(n, p) / towards
             off = wp.length_sq(z * view - p)
-            depth = z + f[7] * (select.penalty + _thickness(z))
+            depth = _rank_depth(select, z, f[7])
             slack = _thickness(best_depth)
             # Without branches: noise decides each of these, which a CPU cannot foresee.
             hit = int(k == 0) | (int(off <= f[3]) & int(z <= select.max_depth))
@@ -288,7 +287,7 @@ def render_index(
     inputs = [camera, T_camera_world, select, m.position, m.normal, m.weight, m.radius, m.t_updated]
     launch_blocks(_splat, visible, m.count, inputs, [keys], m.device)
     kept = [scratch(name, (shape[0] * shape[1],), dtype, m.device) for name, dtype in _KEPT.items()]
-    inputs = [camera, T_camera_world, select, m.position, m.normal, m.weight, m.radius]
+    inputs = [camera, T_camera_world, m.position, m.normal, m.weight, m.radius]
     launch_rows(_centres, *shape, inputs, [keys, *kept], m.device)
     release(keys)
     if vertex is None or normal is None:

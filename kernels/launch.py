@@ -230,7 +230,7 @@ class Recorded:
     def __call__(self) -> None:
         """Run it, and on a CPU wait until it is done."""
         waiting = deque(self._launches)
-        helpers = [_pool().submit(_work_off, waiting) for _ in range(min(_threads_here(), len(waiting)) - 1)]
+        helpers = [_pool().submit(_work_off, waiting) for _ in self._launches[1:]]
         _work_off(waiting)
         for helper in helpers:
             if not helper.cancel():  # it has begun
