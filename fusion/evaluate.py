@@ -22,6 +22,7 @@ def evaluate_run(
     reference: Sequence,
     segmenter: Segmenter | None = None,
     max_frames: int = MAX_FRAMES,
+    sfm: bool = False,
 ) -> dict[str, Any]:
     """Score a run against the recording that it mapped.
 
@@ -30,6 +31,7 @@ def evaluate_run(
         reference: the whole recording at any size, with whatever ground truth there is.
         segmenter: the network that labelled the run, for `semantics.single_frame` and `semantics.map`.
         max_frames: labelled frames scored, evenly spread; 0 for all.
+        sfm: compare with structure from motion, too: `trajectory.sfm`.
 
     Returns:
         The nested tree `trajectory, loops, surface, semantics, map, speed` (docs: the evaluation section). What
@@ -42,7 +44,7 @@ def evaluate_run(
         run = load_run(run)
     small = reference.resized(evaluation_size(reference))
     pairs = pair_frames(run, small)
-    trajectory, alignment = evaluate_trajectory(run, small, pairs)
+    trajectory, alignment = evaluate_trajectory(run, small, pairs, sfm)
     surface, surfel_labels = evaluate_surface(run, small, pairs, alignment)
     semantics = evaluate_semantics(run, small, pairs, segmenter, max_frames)
     return {

@@ -39,7 +39,7 @@ def match_frames(reference: Sequence, frames: list[int], step: int) -> Matches:
     of a camera without distortion.
     """
     starts = max(len(frames) - step, 0)
-    camera, found = _camera(reference), {}
+    camera, found = reference.calibration.stored_colour, {}
     for k in np.unique(np.linspace(0, starts - 1, min(starts, _PAIRS)).astype(int)):
         a, b = frames[k], frames[k + step]
         try:
@@ -61,10 +61,7 @@ def epipolar_error(reference: Sequence, matches: Matches, poses: dict[int, np.nd
         poses: T_world_camera by frame of the reference. They are taken for those of the colour images, as tracking
             takes them; a sensor whose colour is exposed at another time gives true poses an error.
     """
-    camera, T_color_frame = _camera(reference), np.eye(4)
-    own = reference.calibration
-    if own.color_camera is not None and own.T_color_depth is not None:
-        T_color_frame = own.T_color_depth
+    camera, T_color_frame = reference.calibration.stored_colour, reference.calibration.T_color_frame
     medians = []
     for (a, b), pixels in matches.items():
         T_b_a = T_color_frame @ np.linalg.inv(poses[b]) @ poses[a] @ np.linalg.inv(T_color_frame)
@@ -97,11 +94,6 @@ def sampson_distance(
     lines_b, lines_a = a @ F.T, b @ F
     slope = (lines_b[:, :2] ** 2).sum(axis=1) + (lines_a[:, :2] ** 2).sum(axis=1)
     return np.abs((b * lines_b).sum(axis=1)) / np.sqrt(np.maximum(slope, 1e-30))
-
-
-def _camera(reference: Sequence) -> Intrinsics:
-    """Of the colour images as they are stored."""
-    return reference.calibration.color_camera or reference.calibration.intrinsics
 
 
 def _match(first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:

@@ -7,6 +7,7 @@ import numpy as np
 from dsmap.errors import InputError
 from dsmap.frame import Intrinsics
 from dsmap.fusion.evaluate_epipolar import epipolar_table
+from dsmap.fusion.evaluate_sfm import sfm_table
 from dsmap.fusion.run_reader import Run
 from dsmap.metrics import align_se3, ate_rmse, relative_pose_error
 from dsmap.sequences import Sequence
@@ -22,13 +23,14 @@ _MIN_OVERLAP = 0.1
 
 
 def evaluate_trajectory(
-    run: Run, reference: Sequence, pairs: list[tuple[int, int]]
+    run: Run, reference: Sequence, pairs: list[tuple[int, int]], sfm: bool = False
 ) -> tuple[dict[str, Any], np.ndarray | None]:
     """Scores of the trajectory.
 
     Args:
         reference: the recording; small frames suffice.
         pairs: (frame of the run, frame of the reference).
+        sfm: compare with structure from motion, too.
 
     Returns:
         The tree of `trajectory.*`, and T_reference_run of the SE(3) alignment, shape (4, 4), or None where
@@ -66,6 +68,8 @@ def evaluate_trajectory(
         true_poses = {j: T for j in poses if (T := reference.T_world_camera(j)) is not None}
         tree["depth_consistency_given_m"] = consistency_table(reference, true_poses, run.config.depth_max)
     tree |= epipolar_table(reference, poses, true_poses, CONSISTENCY_STEPS)
+    if sfm:
+        tree["sfm"] = sfm_table(reference, poses, true_poses)
     return tree, alignment
 
 

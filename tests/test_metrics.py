@@ -13,6 +13,7 @@ from dsmap.metrics import (
     ConfusionMatrix,
     Reliability,
     align_se3,
+    align_similarity,
     ate_rmse,
     class_probabilities,
     relative_pose_error,
@@ -45,6 +46,25 @@ def test_alignment_never_mirrors_nor_scales():
     T = align_se3(points, points * (-2, 2, 2))
     np.testing.assert_allclose(T[:3, :3] @ T[:3, :3].T, np.eye(3), atol=1e-12)
     assert np.linalg.det(T[:3, :3]) == pytest.approx(1)
+
+
+def test_alignment_with_a_scale_finds_it_and_leaves_the_least_squares_under_noise():
+    rng, T = np.random.default_rng(0), rigid(1)
+    points = rng.normal(size=(20, 3))
+    scale, found = align_similarity(points, 0.2 * points @ T[:3, :3].T + T[:3, 3])
+    assert scale == pytest.approx(0.2)
+    np.testing.assert_allclose(found, T, atol=1e-12)
+    noisy = 0.2 * points @ T[:3, :3].T + T[:3, 3] + 0.02 * rng.normal(size=points.shape)
+
+    def error(scale: float, T: np.ndarray) -> float:
+        return float(((scale * points @ T[:3, :3].T + T[:3, 3] - noisy) ** 2).sum())
+
+    scale, found = align_similarity(points, noisy)
+    moved = found.copy()
+    moved[0, 3] += 0.001
+    assert error(scale, found) < min(
+        error(1.01 * scale, found), error(0.99 * scale, found), error(scale, moved)
+    )
 
 
 def test_ate_by_hand():

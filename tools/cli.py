@@ -59,7 +59,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
 _PACKAGE_EXTRA = {
     "torch": "dsnet", "h5py": "dsnet", "PIL": "dsnet", "onnx": "dsnet", "onnxruntime": "dsnet",
     "mujoco": "sim", "mujoco_warp": "sim", "trimesh": "sim", "pyrender": "sim", "ray": "ray", "viser": "view",
-    "open3d": "bench", "evo": "bench",
+    "open3d": "bench", "evo": "bench", "pycolmap": "sfm",
 }  # fmt: skip
 
 

@@ -45,6 +45,9 @@ class Args:
     out: Path | None = None
     """Where to write the scores; default: metrics.json in the RUN folder, nowhere with --data. With --data also a
     folder: metrics.json, reliability.png and overlays.jpg (ten images by rank) go into it."""
+    sfm: bool = False
+    """Compare with the poses that structure from motion finds in the colour images alone, too (COLMAP, minutes;
+    needs `pip install 'dsmap[sfm]'`): a reference for recordings without one, a second opinion on given poses."""
     intrinsics: str | None = None
     """fx,fy,cx,cy of the reference's images [px]; before calibration.yaml and known defaults."""
     depth_scale: float | None = None
@@ -86,7 +89,7 @@ def score_run(folder: Path, args: Args) -> dict[str, Any]:
         undistort=bool(settings.get("undistort", False)),
     )
     segmenter = segmenter_of(run, args.weights, args.engine) if reference.has_labels else None
-    return evaluate_run(run, reference, segmenter, args.max_frames)
+    return evaluate_run(run, reference, segmenter, args.max_frames, args.sfm)
 
 
 def segmenter_of(run: Run, weights: str | None, engine: str | None = None) -> Segmenter | None:

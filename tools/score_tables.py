@@ -49,6 +49,11 @@ def _trajectory_rows(t: dict[str, Any]) -> list[tuple[str, str]]:
         if any(v is not None for v in t.get(key, {}).values()):
             steps = ", ".join(f"{_number(v, 2, ' px')} at {k} frames" for k, v in t[key].items())
             rows.append((f"epipolar error, {name} poses", steps))
+    if sfm := t.get("sfm"):
+        for name in ("estimated", "given"):
+            if sfm[f"{name}_rmse_m"] is not None:
+                rows.append((f"RMSE to colour alone, {name} poses", _mm(sfm[f"{name}_rmse_m"])))
+        rows.append(("COLMAP's poses", sfm.get("reason", f"{sfm['registered']} of {sfm['frames']} images")))
     return rows
 
 

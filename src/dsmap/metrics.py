@@ -33,6 +33,23 @@ def align_se3(estimated: np.ndarray, reference: np.ndarray) -> np.ndarray:
     return T
 
 
+def align_similarity(estimated: np.ndarray, reference: np.ndarray) -> tuple[float, np.ndarray]:
+    """Scale and rigid transform of estimated onto reference points with least squares (Umeyama 1991).
+
+    Args:
+        estimated, reference: corresponding points, shapes (N, 3). Those of a single moving camera have no scale.
+
+    Returns:
+        s and T, shape (4, 4): reference = T (s estimated).
+    """
+    T = align_se3(estimated, reference)  # the rotation is the same with and without a scale
+    spread = estimated - estimated.mean(axis=0)
+    turned = spread @ T[:3, :3].T
+    scale = float((turned * (reference - reference.mean(axis=0))).sum() / (spread**2).sum())
+    T[:3, 3] = reference.mean(axis=0) - scale * T[:3, :3] @ estimated.mean(axis=0)
+    return scale, T
+
+
 def ate_rmse(T_estimated: np.ndarray, T_reference: np.ndarray, *, align: bool = True) -> float:
     """Absolute trajectory error: RMS distance of camera centres [m] (Sturm et al., IROS 2012).
 

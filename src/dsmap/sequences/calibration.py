@@ -54,6 +54,17 @@ class Calibration:
     depth_max: float | None = None
     """Depth beyond which the sensor is not to be trusted [m]; None: not stated."""
 
+    @property
+    def stored_colour(self) -> Intrinsics:
+        """The camera of the colour images as they are stored."""
+        return self.color_camera or self.intrinsics
+
+    @property
+    def T_color_frame(self) -> np.ndarray:
+        """Takes points of the camera whose poses the frames carry into the colour camera, shape (4, 4)."""
+        separate = self.color_camera is not None and self.T_color_depth is not None
+        return self.T_color_depth if separate else np.eye(4)  # type: ignore[return-value]
+
 
 def read_calibration(folder: Path) -> Calibration | None:
     """`calibration.yaml` of a recording, or None if there is none.

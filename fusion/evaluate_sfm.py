@@ -1,0 +1,137 @@
+"""A judge of poses that knows colour alone, over the whole recording: structure from motion (COLMAP).
+
+Given poses of real recordings are often another program's: made from the same depth, with its errors. COLMAP sees no
+depth and no given pose, so whether it agrees with one or the other says which to believe, and a recording without
+any ground truth gets a reference. It is no truth itself: it takes the colour camera as calibrated, and shutters that
+read line by line as instant.
+"""
+
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from dsmap.errors import InputError
+from dsmap.metrics import align_similarity
+from dsmap.sequences import Sequence
+from dsmap.sequences.images import Undistorter, read_colour
+
+_FRAMES = 120
+"""Images looked at, at most, evenly spread: each is matched with every other."""
+_FEATURES = 3000
+"""SIFT features of an image, at most."""
+_CONTRAST = 0.004
+"""Fainter ones than usual: indoor walls have few."""
+_MIN_SHARE = 0.5
+"""A model with fewer of the images says nothing about the whole motion."""
+
+
+@dataclass(frozen=True)
+class Structure:
+    """What structure from motion found."""
+
+    T_model_color: dict[int, np.ndarray]
+    """Poses of the colour camera by frame, shape (4, 4), in a frame and a unit of length of their own."""
+    reprojection_px: float
+    """Mean distance of the points from where the images show them [px]."""
+
+
+def structure_from_motion(reference: Sequence, frames: list[int]) -> Structure | None:
+    """COLMAP's largest model of the colour images of some frames, or None if it finds none.
+
+    Args:
+        reference: the recording; its calibration is kept, lens distortion is taken out.
+        frames: which; damaged images are left out.
+
+    Raises:
+        ModuleNotFoundError: without pycolmap.
+    """
+    import pycolmap
+
+    pycolmap.logging.minloglevel = pycolmap.logging.FATAL.value
+    with tempfile.TemporaryDirectory(prefix="dsmap-sfm-") as folder:
+        images, database = Path(folder) / "images", Path(folder) / "database.db"
+        images.mkdir()
+        _write_images(reference, frames, images)
+        camera = reference.calibration.stored_colour
+        pinhole = (
+            camera.fx,
+            camera.fy,
+            camera.cx + 0.5,
+            camera.cy + 0.5,
+        )  # COLMAP's pixel centres are halves
+        reader = pycolmap.ImageReaderOptions(
+            camera_model="PINHOLE", camera_params=",".join(f"{value:.6f}" for value in pinhole)
+        )
+        found = pycolmap.FeatureExtractionOptions(use_gpu=False)
+        found.sift.max_num_features, found.sift.peak_threshold = _FEATURES, _CONTRAST
+        where = pycolmap.Device.cpu
+        pycolmap.extract_features(
+            database, images, camera_mode=pycolmap.CameraMode.SINGLE, reader_options=reader,
+            extraction_options=found, device=where,
+        )  # fmt: skip
+        matching = pycolmap.FeatureMatchingOptions(use_gpu=False)
+        pycolmap.match_exhaustive(database, matching_options=matching, device=where)
+        mapping = pycolmap.IncrementalPipelineOptions(
+            ba_refine_focal_length=False, ba_refine_extra_params=False, random_seed=0
+        )
+        models = pycolmap.incremental_mapping(database, images, Path(folder), options=mapping)
+    if not models:
+        return None
+    model = max(models.values(), key=lambda m: m.num_reg_images())
+    poses = {}
+    for image in model.images.values():
+        if image.has_pose:
+            T_color_model = np.vstack([image.cam_from_world().matrix(), (0, 0, 0, 1)])
+            poses[int(Path(image.name).stem)] = np.linalg.inv(T_color_model)
+    return Structure(poses, float(model.compute_mean_reprojection_error()))
+
+
+def sfm_table(
+    reference: Sequence, poses: dict[int, np.ndarray], given: dict[int, np.ndarray]
+) -> dict[str, Any]:
+    """How far estimated and given poses are from those of structure from motion.
+
+    Args:
+        poses, given: T_world_camera by frame of the reference; `given` may be empty.
+
+    Returns:
+        `estimated_rmse_m`, `given_rmse_m`: RMS distance of the colour camera's centres after the best similarity
+        transform; `frames`, `registered`, `reprojection_px`. None where nothing can be said, with a `reason`.
+    """
+    known = sorted(poses)
+    frames = [
+        known[k] for k in np.unique(np.linspace(0, len(known) - 1, min(len(known), _FRAMES)).astype(int))
+    ]
+    table: dict[str, Any] = {"estimated_rmse_m": None, "given_rmse_m": None, "frames": len(frames)}
+    structure = structure_from_motion(reference, frames)
+    registered = 0 if structure is None else len(structure.T_model_color)
+    table |= {"registered": registered, "reprojection_px": structure.reprojection_px if structure else None}
+    if structure is None or registered < max(3, _MIN_SHARE * len(frames)):
+        return table | {"reason": f"COLMAP found the poses of {registered} of {len(frames)} images"}
+    T_frame_color = np.linalg.inv(reference.calibration.T_color_frame)
+    for name, trajectory in (("estimated_rmse_m", poses), ("given_rmse_m", given)):
+        both = sorted(structure.T_model_color.keys() & trajectory.keys())
+        if len(both) >= 3:
+            theirs = np.array([structure.T_model_color[i][:3, 3] for i in both])
+            ours = np.array([(trajectory[i] @ T_frame_color)[:3, 3] for i in both])
+            scale, T = align_similarity(theirs, ours)
+            off = ours - (scale * theirs @ T[:3, :3].T + T[:3, 3])
+            table[name] = float(np.sqrt((off**2).sum(axis=1).mean()))
+    return table
+
+
+def _write_images(reference: Sequence, frames: list[int], folder: Path) -> None:
+    """Colour images without lens distortion, named by the frame."""
+    camera = reference.calibration.stored_colour
+    undistorter = Undistorter(camera) if camera.distortion else None
+    for i in frames:
+        try:
+            rgb = read_colour(reference.entries[i].rgb)
+        except InputError:
+            continue  # a damaged frame says nothing about the motion
+        rgb = undistorter.colour(rgb) if undistorter else rgb
+        cv2.imwrite(str(folder / f"{i:06d}.png"), cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR))
