@@ -25,8 +25,11 @@ _FEATURES = 3000
 """SIFT features of an image, at most."""
 _CONTRAST = 0.004
 """Fainter ones than usual: indoor walls have few."""
-_MIN_SHARE = 0.5
+_MIN_REGISTERED = 0.5
 """A model with fewer of the images says nothing about the whole motion."""
+_MIN_SHARED = 0.1
+"""Successive images that share fewer points are two parts of the model, joined where a pattern repeats: a rendered
+bedroom was folded over by 90 degrees so, each half of it perfect. Elsewhere neighbours share 57 % and more."""
 
 
 @dataclass(frozen=True)
@@ -37,6 +40,8 @@ class Structure:
     """Poses of the colour camera by frame, shape (4, 4), in a frame and a unit of length of their own."""
     reprojection_px: float
     """Mean distance of the points from where the images show them [px]."""
+    shared: dict[tuple[int, int], float]
+    """Share of the points of an image, or of the next one if that has fewer, which both see; by their frames."""
 
 
 def structure_from_motion(reference: Sequence, frames: list[int]) -> Structure | None:
@@ -82,12 +87,19 @@ def structure_from_motion(reference: Sequence, frames: list[int]) -> Structure |
     if not models:
         return None
     model = max(models.values(), key=lambda m: m.num_reg_images())
-    poses = {}
+    poses, points = {}, {}
     for image in model.images.values():
         if image.has_pose:
+            frame = int(Path(image.name).stem)
             T_color_model = np.vstack([image.cam_from_world().matrix(), (0, 0, 0, 1)])
-            poses[int(Path(image.name).stem)] = np.linalg.inv(T_color_model)
-    return Structure(poses, float(model.compute_mean_reprojection_error()))
+            poses[frame] = np.linalg.inv(T_color_model)
+            points[frame] = {point.point3D_id for point in image.points2D if point.has_point3D()}
+    order = sorted(points)
+    shared = {
+        (a, b): len(points[a] & points[b]) / max(1, min(len(points[a]), len(points[b])))
+        for a, b in zip(order, order[1:], strict=False)
+    }
+    return Structure(poses, float(model.compute_mean_reprojection_error()), shared)
 
 
 def sfm_table(
@@ -106,12 +118,18 @@ def sfm_table(
     frames = [
         known[k] for k in np.unique(np.linspace(0, len(known) - 1, min(len(known), _FRAMES)).astype(int))
     ]
-    table: dict[str, Any] = {"estimated_rmse_m": None, "given_rmse_m": None, "frames": len(frames)}
     structure = structure_from_motion(reference, frames)
-    registered = 0 if structure is None else len(structure.T_model_color)
-    table |= {"registered": registered, "reprojection_px": structure.reprojection_px if structure else None}
-    if structure is None or registered < max(3, _MIN_SHARE * len(frames)):
-        return table | {"reason": f"COLMAP found the poses of {registered} of {len(frames)} images"}
+    table: dict[str, Any] = {
+        "estimated_rmse_m": None,
+        "given_rmse_m": None,
+        "frames": len(frames),
+        "registered": len(structure.T_model_color) if structure else 0,
+        "reprojection_px": structure.reprojection_px if structure else None,
+    }
+    if structure is None:
+        return table | {"reason": "COLMAP found no model"}
+    if reason := _unusable(structure, len(frames)):
+        return table | {"reason": reason}
     T_frame_color = np.linalg.inv(reference.calibration.T_color_frame)
     for name, trajectory in (("estimated_rmse_m", poses), ("given_rmse_m", given)):
         both = sorted(structure.T_model_color.keys() & trajectory.keys())
@@ -122,6 +140,17 @@ def sfm_table(
             off = ours - (scale * theirs @ T[:3, :3].T + T[:3, 3])
             table[name] = float(np.sqrt((off**2).sum(axis=1).mean()))
     return table
+
+
+def _unusable(structure: Structure, frames: int) -> str:
+    """Why a model says nothing about the motion, in a sentence; empty if it does."""
+    registered = len(structure.T_model_color)
+    if registered < max(3, _MIN_REGISTERED * frames):
+        return f"COLMAP found the poses of {registered} of {frames} images"
+    torn = [pair for pair, share in structure.shared.items() if share < _MIN_SHARED]
+    if torn:
+        return f"COLMAP's model is torn between frames {torn[0][0]} and {torn[0][1]}, which share hardly a point"
+    return ""
 
 
 def _write_images(reference: Sequence, frames: list[int], folder: Path) -> None:

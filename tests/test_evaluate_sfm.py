@@ -35,6 +35,9 @@ def recording(tmp_path_factory):
     return open_sequence(folder)
 
 
+WHOLE = {(i, i + 1): 0.6 for i in range(FRAMES - 1)}
+
+
 def model_of(poses: dict[int, np.ndarray], T_color_frame: np.ndarray) -> dict[int, np.ndarray]:
     """The same motion as COLMAP would give it: poses of the colour camera in another frame and unit."""
     found = {}
@@ -48,7 +51,7 @@ def test_the_distance_is_that_of_the_colour_camera_after_the_best_similarity(rec
     lever = exp_se3(np.array([-0.3, 0.1, 0, 0, 0, 0.2]))
     monkeypatch.setattr(type(recording.calibration), "T_color_frame", lever)
     monkeypatch.setattr(
-        evaluate_sfm, "structure_from_motion", lambda *_: Structure(model_of(TRUE, lever), 0.25)
+        evaluate_sfm, "structure_from_motion", lambda *_: Structure(model_of(TRUE, lever), 0.25, WHOLE)
     )
     table = sfm_table(recording, SHAKEN, TRUE)
     assert table["given_rmse_m"] < 1e-9
@@ -57,12 +60,21 @@ def test_the_distance_is_that_of_the_colour_camera_after_the_best_similarity(rec
     assert sfm_table(recording, SHAKEN, {})["given_rmse_m"] is None
 
 
-def test_a_model_of_few_images_says_nothing(recording, monkeypatch):
-    few = {i: T for i, T in model_of(TRUE, np.eye(4)).items() if i < 5}
-    for found, count in ((Structure(few, 0.3), 5), (None, 0)):
+def test_a_model_of_few_images_or_of_two_parts_says_nothing(recording, monkeypatch):
+    whole = model_of(TRUE, np.eye(4))
+    few = {i: T for i, T in whole.items() if i < 5}
+    torn = WHOLE | {(6, 7): 0.0}
+    cases = (
+        (Structure(few, 0.3, WHOLE), f"5 of {FRAMES} images"),
+        (Structure(whole, 0.3, torn), "torn between frames 6 and 7"),
+        (None, "no model"),
+    )
+    for found, reason in cases:
         monkeypatch.setattr(evaluate_sfm, "structure_from_motion", lambda *_, found=found: found)
         table = sfm_table(recording, TRUE, TRUE)
-        assert table["estimated_rmse_m"] is None and f"{count} of {FRAMES} images" in table["reason"]
+        assert (
+            table["estimated_rmse_m"] is None and table["given_rmse_m"] is None and reason in table["reason"]
+        )
 
 
 def test_without_colmap_the_command_says_what_to_install(recording, tmp_path, monkeypatch, capsys):
