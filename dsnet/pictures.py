@@ -116,6 +116,7 @@ def _save(path: Path, figure: Figure) -> None:
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
     pixels = cv2.cvtColor(np.asarray(canvas.buffer_rgba())[..., :3].copy(), cv2.COLOR_RGB2BGR)
+    quality = [] if path.suffix == ".png" else [cv2.IMWRITE_JPEG_QUALITY, 88]  # OpenCV warns of it in a PNG
     with atomic_path(path) as temporary:
-        if not cv2.imwrite(str(temporary), pixels, [cv2.IMWRITE_JPEG_QUALITY, 88]):
+        if not cv2.imwrite(str(temporary), pixels, quality):
             raise InputError(f"cannot write {path}: OpenCV could not encode or store the image")
