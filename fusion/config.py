@@ -239,8 +239,8 @@ class MapConfig:
     """Warp device: cpu or cuda:0."""
     depth_min: float = 0.3
     """Nearer depth is ignored [m]."""
-    depth_max: float = 3.0
-    """Farther depth is ignored [m], by tracking, fusion and labels alike."""
+    depth_max: float = 4.0
+    """Farther depth is ignored [m], by tracking, fusion and labels alike. Kinect-like sensors are made for 4 m."""
     poses: Literal["track", "given"] = "track"
     """track: estimate the camera's motion; given: take the recording's poses."""
     track: TrackConfig = field(default_factory=TrackConfig)

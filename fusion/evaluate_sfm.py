@@ -149,7 +149,9 @@ def _unusable(structure: Structure, frames: int) -> str:
         return f"COLMAP found the poses of {registered} of {frames} images"
     torn = [pair for pair, share in structure.shared.items() if share < _MIN_SHARED]
     if torn:
-        return f"COLMAP's model is torn between frames {torn[0][0]} and {torn[0][1]}, which share hardly a point"
+        return (
+            f"COLMAP's model is torn between frames {torn[0][0]} and {torn[0][1]}, which share hardly a point"
+        )
     return ""
 
 

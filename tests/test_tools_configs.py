@@ -3,6 +3,8 @@
 import dataclasses
 import tomllib
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 import tyro
@@ -12,6 +14,7 @@ from dsmap.fusion.config import MapConfig
 from dsmap.fusion.config_file import fill
 from dsmap.tools.cli import run
 from dsmap.tools.map import Args, defaults
+from dsmap.tools.map_start import map_config
 from dsmap.tools.presets import load_preset, preset_names
 
 REPOSITORY = Path(__file__).parents[1]
@@ -67,6 +70,14 @@ def test_flags_come_before_the_file_and_the_file_before_defaults(tmp_path):
     assert (args.track.w_rgb, args.track.max_rms, args.track.iterations) == (0.3, 0.01, (3, 2, 1))
     assert args.loop.mode == "off" and args.labels.every == 5
     assert args.surfels == PLAIN.surfels and parsed() == PLAIN
+
+
+@pytest.mark.parametrize(
+    ("flags", "calibrated", "expected"), [((), None, 4.0), ((), 8.0, 8.0), (("--depth-max", "2.5"), 8.0, 2.5)]
+)
+def test_depth_reaches_as_far_as_the_flag_the_calibration_or_a_kinect_says(flags, calibrated, expected):
+    sequence: Any = SimpleNamespace(depth_max=calibrated)
+    assert map_config(parsed(*flags), sequence).depth_max == expected
 
 
 @pytest.mark.parametrize(

@@ -40,7 +40,7 @@ class Args:
     threads: int | None = None
     """CPU threads of each system; default: all cores."""
     depth_max: float | None = None
-    """Ignore farther depth [m], in both systems; default: the calibration's depth_max, else 3."""
+    """Ignore farther depth [m], in both systems; default: the calibration's depth_max, else 3, Open3D's own."""
     intrinsics: str | None = None
     """fx,fy,cx,cy of the recording's own images [px]."""
     depth_scale: float | None = None

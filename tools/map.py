@@ -56,7 +56,7 @@ class Args:
     depth_min: float = 0.3
     """Ignore nearer depth [m]."""
     depth_max: float | None = None
-    """Ignore farther depth [m]; default: the calibration's depth_max, else 3, the good range of Kinect-like sensors."""
+    """Ignore farther depth [m]; default: the calibration's depth_max, else 4, what Kinect-like sensors are made for."""
     intrinsics: str | None = None
     """fx,fy,cx,cy of the recording's own images [px]; before calibration.yaml and known defaults."""
     depth_scale: float | None = None

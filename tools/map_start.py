@@ -82,7 +82,7 @@ def map_config(args: Any, sequence: Sequence) -> MapConfig:
         labels = dataclasses.replace(labels, rule=args.label_fusion)
     if args.loops is not None:
         loop = dataclasses.replace(loop, mode=args.loops)
-    depth_max = args.depth_max or sequence.depth_max or 3.0
+    depth_max = args.depth_max or sequence.depth_max or MapConfig.depth_max
     if not 0 <= args.depth_min < depth_max or not math.isfinite(depth_max):
         raise InputError(
             f"depth range is {args.depth_min}..{depth_max} m; expected 0 <= --depth-min < --depth-max"
