@@ -117,9 +117,10 @@ class LoopConfig:
     """Gate: correlation of the intensities, local mean taken off; another place of the same shape has other colours."""
     max_drift: float = 0.05
     """Gate: a loop moves the camera by at most this share of the way since, plus 5 cm."""
-    negligible: float = 0.02
+    negligible: float = 0.04
     """Views that differ by less than this [m RMS] are one: inactive surfels become active, nothing is deformed.
-    Registration of two noisy views is no better than 0.5-1 cm, and tracking pulls the rest together."""
+    So much is within the gates of tracking (10 cm) and association (5 cm), which pull it together where it is; a
+    deformation would spread it over the whole way since, most of which was right."""
     min_overlap: float = 0.25
     """Gate: share of the image that both views see; narrower strips register with errors of 2 cm."""
     trust: int = 30

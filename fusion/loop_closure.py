@@ -40,9 +40,9 @@ _LEAST_DRIFT = 0.05
 _NEVER = -(10**9)
 _TURNED = 3
 """So many of the guesses that were turned to where a lost frame fits are verified."""
-_TIGHT = 0.5
-"""Share of `negligible` by which a second registration may move the camera, and by which a strip of surface that
-comes into view may lie beside the active one."""
+_TIGHT = 0.01
+"""So far a second registration may move the camera, and a strip of surface that comes into view may lie beside the
+active one [m RMS]: registration of two noisy views is no better than 0.5-1 cm."""
 
 
 class LoopCloser:
@@ -167,7 +167,7 @@ class LoopCloser:
         points = now.view.levels[self.level][0].numpy()
         again = rms_shift(points, T_inactive_active)
         seen = overlap(now.view.levels[self.level], inactive.levels[self.level], colours=True)
-        self.rejected = objection(health, self.loops, seen, again, _TIGHT * self.loops.negligible)
+        self.rejected = objection(health, self.loops, seen, again, _TIGHT)
         if self.rejected:
             return False
         T_found = orthonormal(T_found @ T_inactive_active)
@@ -249,7 +249,7 @@ class LoopCloser:
     def _agrees(self, now: Moment, inactive: ModelView, seen: Overlap) -> bool:
         """Whether what comes into view needs no registration: it lies where the active view says."""
         rms, share = explained_rms(self._tracker, self.level, now.view, inactive, seen)
-        return rms < _TIGHT * self.loops.negligible and share > self.loops.min_agreement
+        return rms < _TIGHT and share > self.loops.min_agreement
 
     def _wake_view(self, now: Moment) -> bool:
         active = now.view.levels[self.level][0]

@@ -57,6 +57,7 @@ def mapper(window: int = 15, **changes) -> Mapper:
     config.loops.max_covariance = (
         1e-3  # the drift is put in so fast that a later frame meets surfaces bent by it
     )
+    config.loops.negligible = 0.02  # and after so short a way it is 3 cm
     for name, value in changes.items():
         setattr(config.loops, name, value)
     return Mapper(config, INTRINSICS)
