@@ -13,6 +13,7 @@ import numpy as np
 from dsmap.errors import InputError
 from dsmap.features import Features, matched_points
 from dsmap.frame import Intrinsics
+from dsmap.fusion.run_reader import evenly_spread
 from dsmap.sequences import Sequence
 from dsmap.sequences.images import read_colour
 
@@ -40,7 +41,7 @@ def match_frames(reference: Sequence, frames: list[int], step: int) -> Matches:
     """
     starts = max(len(frames) - step, 0)
     camera, found = reference.calibration.stored_colour, {}
-    for k in np.unique(np.linspace(0, starts - 1, min(starts, _PAIRS)).astype(int)):
+    for k in evenly_spread(starts, _PAIRS):
         a, b = frames[k], frames[k + step]
         try:
             pixels = _match(read_colour(reference.entries[a].rgb), read_colour(reference.entries[b].rgb))

@@ -11,7 +11,7 @@ import warp as wp
 from dsmap.classes import NUM_CLASSES, VOID
 from dsmap.errors import InputError
 from dsmap.frame import Frame, Intrinsics
-from dsmap.fusion.run_reader import Run
+from dsmap.fusion.run_reader import Run, evenly_spread
 from dsmap.fusion.segmenter import Segmenter
 from dsmap.kernels.camera import make_camera
 from dsmap.kernels.index_map import render_index
@@ -84,8 +84,8 @@ def evaluate_semantics(
     if not labelled or run.surfels.count == 0:
         reason = "the map is empty" if labelled else "the reference has no labels"
         return {key: unknown(reason) for key in keys} | {"coverage": None, "reason": reason, "frames": 0}
-    if 0 < max_frames < len(labelled):
-        labelled = [labelled[k] for k in np.unique(np.linspace(0, len(labelled) - 1, max_frames).astype(int))]
+    if max_frames > 0:
+        labelled = [labelled[k] for k in evenly_spread(len(labelled), max_frames)]
     scores, covered, frames = {key: Score() for key in keys}, 0, 0
     render = MapRenderer(run, reference.intrinsics)
     native = reference.resized(run_size(run, reference))

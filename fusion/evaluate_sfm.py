@@ -8,14 +8,17 @@ read line by line as instant.
 
 import tempfile
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 
 from dsmap.errors import InputError
-from dsmap.metrics import align_similarity
+from dsmap.frame import Intrinsics
+from dsmap.fusion.figures import save_image
+from dsmap.fusion.run_reader import evenly_spread
+from dsmap.metrics import ate_rmse
 from dsmap.sequences import Sequence
 from dsmap.sequences.images import Undistorter, read_colour
 
@@ -54,39 +57,14 @@ def structure_from_motion(reference: Sequence, frames: list[int]) -> Structure |
     Raises:
         ModuleNotFoundError: without pycolmap.
     """
-    import pycolmap
-
-    pycolmap.logging.minloglevel = pycolmap.logging.FATAL.value
     with tempfile.TemporaryDirectory(prefix="dsmap-sfm-") as folder:
-        images, database = Path(folder) / "images", Path(folder) / "database.db"
+        images = Path(folder) / "images"
         images.mkdir()
         _write_images(reference, frames, images)
-        camera = reference.calibration.stored_colour
-        pinhole = (
-            camera.fx,
-            camera.fy,
-            camera.cx + 0.5,
-            camera.cy + 0.5,
-        )  # COLMAP's pixel centres are halves
-        reader = pycolmap.ImageReaderOptions(
-            camera_model="PINHOLE", camera_params=",".join(f"{value:.6f}" for value in pinhole)
-        )
-        found = pycolmap.FeatureExtractionOptions(use_gpu=False)
-        found.sift.max_num_features, found.sift.peak_threshold = _FEATURES, _CONTRAST
-        where = pycolmap.Device.cpu
-        pycolmap.extract_features(
-            database, images, camera_mode=pycolmap.CameraMode.SINGLE, reader_options=reader,
-            extraction_options=found, device=where,
-        )  # fmt: skip
-        matching = pycolmap.FeatureMatchingOptions(use_gpu=False)
-        pycolmap.match_exhaustive(database, matching_options=matching, device=where)
-        mapping = pycolmap.IncrementalPipelineOptions(
-            ba_refine_focal_length=False, ba_refine_extra_params=False, random_seed=0
-        )
-        models = pycolmap.incremental_mapping(database, images, Path(folder), options=mapping)
+        models = _colmap(images, reference.calibration.stored_colour)
     if not models:
         return None
-    model = max(models.values(), key=lambda m: m.num_reg_images())
+    model = max(models, key=lambda m: m.num_reg_images())
     poses, points = {}, {}
     for image in model.images.values():
         if image.has_pose:
@@ -94,10 +72,9 @@ def structure_from_motion(reference: Sequence, frames: list[int]) -> Structure |
             T_color_model = np.vstack([image.cam_from_world().matrix(), (0, 0, 0, 1)])
             poses[frame] = np.linalg.inv(T_color_model)
             points[frame] = {point.point3D_id for point in image.points2D if point.has_point3D()}
-    order = sorted(points)
     shared = {
         (a, b): len(points[a] & points[b]) / max(1, min(len(points[a]), len(points[b])))
-        for a, b in zip(order, order[1:], strict=False)
+        for a, b in pairwise(sorted(points))
     }
     return Structure(poses, float(model.compute_mean_reprojection_error()), shared)
 
@@ -115,9 +92,7 @@ def sfm_table(
         transform; `frames`, `registered`, `reprojection_px`. None where nothing can be said, with a `reason`.
     """
     known = sorted(poses)
-    frames = [
-        known[k] for k in np.unique(np.linspace(0, len(known) - 1, min(len(known), _FRAMES)).astype(int))
-    ]
+    frames = [known[k] for k in evenly_spread(len(known), _FRAMES)]
     structure = structure_from_motion(reference, frames)
     table: dict[str, Any] = {
         "estimated_rmse_m": None,
@@ -134,11 +109,9 @@ def sfm_table(
     for name, trajectory in (("estimated_rmse_m", poses), ("given_rmse_m", given)):
         both = sorted(structure.T_model_color.keys() & trajectory.keys())
         if len(both) >= 3:
-            theirs = np.array([structure.T_model_color[i][:3, 3] for i in both])
-            ours = np.array([(trajectory[i] @ T_frame_color)[:3, 3] for i in both])
-            scale, T = align_similarity(theirs, ours)
-            off = ours - (scale * theirs @ T[:3, :3].T + T[:3, 3])
-            table[name] = float(np.sqrt((off**2).sum(axis=1).mean()))
+            theirs = np.array([structure.T_model_color[i] for i in both])
+            ours = np.array([trajectory[i] for i in both]) @ T_frame_color
+            table[name] = ate_rmse(theirs, ours, scale=True)
     return table
 
 
@@ -164,5 +137,27 @@ def _write_images(reference: Sequence, frames: list[int], folder: Path) -> None:
             rgb = read_colour(reference.entries[i].rgb)
         except InputError:
             continue  # a damaged frame says nothing about the motion
-        rgb = undistorter.colour(rgb) if undistorter else rgb
-        cv2.imwrite(str(folder / f"{i:06d}.png"), cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR))
+        save_image(folder / f"{i:06d}.png", undistorter.colour(rgb) if undistorter else rgb)
+
+
+def _colmap(images: Path, camera: Intrinsics) -> list[Any]:
+    """The models (pycolmap.Reconstruction) of a folder of images that one camera without distortion took."""
+    import pycolmap
+
+    pycolmap.logging.minloglevel = pycolmap.logging.FATAL.value
+    database, where = images.parent / "database.db", pycolmap.Device.cpu
+    # The centre of COLMAP's first pixel is (0.5, 0.5).
+    pinhole = f"{camera.fx},{camera.fy},{camera.cx + 0.5},{camera.cy + 0.5}"
+    reader = pycolmap.ImageReaderOptions(camera_model="PINHOLE", camera_params=pinhole)
+    features = pycolmap.FeatureExtractionOptions(use_gpu=False)
+    features.sift.max_num_features, features.sift.peak_threshold = _FEATURES, _CONTRAST
+    pycolmap.extract_features(
+        database, images, camera_mode=pycolmap.CameraMode.SINGLE, reader_options=reader,
+        extraction_options=features, device=where,
+    )  # fmt: skip
+    matching = pycolmap.FeatureMatchingOptions(use_gpu=False)
+    pycolmap.match_exhaustive(database, matching_options=matching, device=where)
+    mapping = pycolmap.IncrementalPipelineOptions(
+        ba_refine_focal_length=False, ba_refine_extra_params=False, random_seed=0
+    )
+    return list(pycolmap.incremental_mapping(database, images, images.parent, options=mapping).values())

@@ -7,7 +7,7 @@ from scipy.spatial import KDTree
 
 from dsmap.errors import InputError
 from dsmap.fusion.evaluate_trajectory import back_project
-from dsmap.fusion.run_reader import Run
+from dsmap.fusion.run_reader import Run, evenly_spread
 from dsmap.kernels.mesh_distance import closest_on_mesh
 from dsmap.metrics import ConfusionMatrix
 from dsmap.sequences import Sequence
@@ -76,12 +76,12 @@ def evaluate_surface(
 def seen_surface(reference: Sequence, mesh: LabelledMesh, run: Run) -> np.ndarray:
     """Points of the mesh seen by reference frames in the run's depth range, one in 2 cm, shape (N, 3)."""
     chunks = []
-    for i in np.unique(np.linspace(0, len(reference) - 1, _SEEN_FRAMES).astype(int)):
-        T = reference.T_world_camera(int(i))
+    for i in evenly_spread(len(reference), _SEEN_FRAMES):
+        T = reference.T_world_camera(i)
         if T is None:
             continue
         try:
-            depth = reference.depth(int(i))
+            depth = reference.depth(i)
         except InputError:
             continue  # a damaged frame saw nothing
         seen = (depth >= run.config.depth_min) & (depth <= run.config.depth_max)

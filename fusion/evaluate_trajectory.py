@@ -8,7 +8,7 @@ from dsmap.errors import InputError
 from dsmap.frame import Intrinsics
 from dsmap.fusion.evaluate_epipolar import epipolar_table
 from dsmap.fusion.evaluate_sfm import sfm_table
-from dsmap.fusion.run_reader import Run
+from dsmap.fusion.run_reader import Run, evenly_spread
 from dsmap.metrics import align_se3, ate_rmse, relative_pose_error
 from dsmap.sequences import Sequence
 
@@ -84,7 +84,7 @@ def consistency_table(reference: Sequence, poses: dict[int, np.ndarray], max_dep
     for step in CONSISTENCY_STEPS:
         starts = max(len(frames) - step, 0)
         medians = []
-        for k in np.unique(np.linspace(0, starts - 1, min(starts, _CONSISTENCY_PAIRS)).astype(int)):
+        for k in evenly_spread(starts, _CONSISTENCY_PAIRS):
             a, b = frames[k], frames[k + step]
             try:
                 depth_a, depth_b = (_within(reference.depth(j), max_depth) for j in (a, b))

@@ -73,6 +73,11 @@ def pair_frames(run: Run, reference: Sequence) -> list[tuple[int, int]]:
     return pairs
 
 
+def evenly_spread(count: int, most: int) -> list[int]:
+    """`most` of the numbers 0 .. count - 1 with even distances, or all of them if there are no more."""
+    return [int(i) for i in np.unique(np.linspace(0, count - 1, min(count, most)).astype(int))]
+
+
 def _read(path: Path, parse: Any, failure: type[Exception]) -> dict[str, Any]:
     if not path.exists():
         return {}

@@ -50,15 +50,21 @@ def align_similarity(estimated: np.ndarray, reference: np.ndarray) -> tuple[floa
     return scale, T
 
 
-def ate_rmse(T_estimated: np.ndarray, T_reference: np.ndarray, *, align: bool = True) -> float:
+def ate_rmse(
+    T_estimated: np.ndarray, T_reference: np.ndarray, *, align: bool = True, scale: bool = False
+) -> float:
     """Absolute trajectory error: RMS distance of camera centres [m] (Sturm et al., IROS 2012).
 
     Args:
         T_estimated, T_reference: camera-to-world poses of the same frames, shapes (N, 4, 4).
         align: after SE(3) alignment of the centres.
+        scale: after the best similarity transform instead.
     """
     estimated, reference = T_estimated[:, :3, 3], T_reference[:, :3, 3]
-    if align:
+    if scale:
+        s, T = align_similarity(estimated, reference)
+        estimated = s * estimated @ T[:3, :3].T + T[:3, 3]
+    elif align:
         T = align_se3(estimated, reference)
         estimated = estimated @ T[:3, :3].T + T[:3, 3]
     return float(np.sqrt(((estimated - reference) ** 2).sum(axis=1).mean()))

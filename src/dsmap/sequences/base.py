@@ -206,8 +206,7 @@ class Sequence:
         rgb, calibration = read_colour(entry.rgb), self.calibration
         if (own := calibration.color_camera) is not None:
             check_size(entry.rgb, rgb, own.width, own.height)
-            T = np.eye(4) if calibration.T_color_depth is None else calibration.T_color_depth
-            return register_colour(rgb, depth, calibration.intrinsics, own, T)
+            return register_colour(rgb, depth, calibration.intrinsics, own, calibration.T_color_frame)
         self._check_size(entry.rgb, rgb)
         return self._undistorter.colour(rgb) if self._undistorter else rgb
 

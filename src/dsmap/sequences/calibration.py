@@ -62,8 +62,9 @@ class Calibration:
     @property
     def T_color_frame(self) -> np.ndarray:
         """Takes points of the camera whose poses the frames carry into the colour camera, shape (4, 4)."""
-        separate = self.color_camera is not None and self.T_color_depth is not None
-        return self.T_color_depth if separate else np.eye(4)  # type: ignore[return-value]
+        if self.color_camera is None or self.T_color_depth is None:
+            return np.eye(4)  # one camera, or depth is brought to the colour camera
+        return self.T_color_depth
 
 
 def read_calibration(folder: Path) -> Calibration | None:
