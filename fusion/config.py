@@ -41,6 +41,12 @@ class TrackConfig:
     """Larger RMS of inlier point-to-plane residuals [m]: the frame is lost."""
     max_std: float = 0.02
     """Largest standard deviation of the pose, in any direction [m, rad], that still counts as tracked."""
+    motion: bool = True
+    """The last frames' motion is one more measurement, as certain as it has been steady."""
+    min_acceleration: float = 0.5
+    """... a camera accelerates by at least this [m/s^2] (RMS an axis; more where it has been seen to)..."""
+    min_angular_acceleration: float = 3.0
+    """... and turns with at least this [rad/s^2]."""
     predict_every: int = 2
     """The model is predicted in every n-th frame, and in between where the camera has left the last view..."""
     predict_distance: float = 0.02

@@ -1,6 +1,7 @@
 """Exponential maps of SO(3) and SE(3), and the small linear algebra of poses, in NumPy float64."""
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 
 def hat(w: np.ndarray) -> np.ndarray:
@@ -30,6 +31,23 @@ def exp_se3(xi: np.ndarray) -> np.ndarray:
     T[:3, :3] = exp_so3(w)
     T[:3, 3] = V @ t
     return T
+
+
+def log_se3(T: np.ndarray) -> np.ndarray:
+    """The twist (translation, rotation) whose exponential is T, shape (6,); rotations below pi."""
+    w = Rotation.from_matrix(T[:3, :3]).as_rotvec()
+    angle = float(np.linalg.norm(w))
+    W = hat(w)
+    bend = 1 / 12 if angle < 1e-4 else 1 / angle**2 - (1 + np.cos(angle)) / (2 * angle * np.sin(angle))
+    return np.concatenate([(np.eye(3) - 0.5 * W + bend * W @ W) @ T[:3, 3], w])
+
+
+def adjoint(T: np.ndarray) -> np.ndarray:
+    """Ad(T), shape (6, 6): T exp(xi^) = exp((Ad(T) xi)^) T for twists (translation, rotation)."""
+    out = np.zeros((6, 6))
+    out[:3, :3] = out[3:, 3:] = T[:3, :3]
+    out[:3, 3:] = hat(T[:3, 3]) @ T[:3, :3]
+    return out
 
 
 def inverse(T: np.ndarray) -> np.ndarray:

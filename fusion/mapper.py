@@ -18,6 +18,7 @@ from dsmap.fusion.integrate import Integrator
 from dsmap.fusion.lie import inverse
 from dsmap.fusion.loop_closure import LoopCloser
 from dsmap.fusion.loop_record import LoopRecord, Moment
+from dsmap.fusion.motion import Motion
 from dsmap.fusion.moving import MovingThings
 from dsmap.fusion.pose_check import PoseCheck
 from dsmap.fusion.segmenter import Segmenter
@@ -82,6 +83,7 @@ class Mapper:
         self.cameras = pyramid_cameras(intrinsics, LEVELS)
         self.camera = self.cameras[0]
         self.tracker = Tracker(config.track, self.cameras)
+        self.motion = Motion(config.track)
         self.schedule = Schedule(config.labels)
         self.surfels = SurfelMap.empty(self.device)
         self.blocks = Blocks(self.surfels, config.surfels.stable_weight)
@@ -215,34 +217,32 @@ class Mapper:
             result.reason = "not found in the map yet"
             self._relocalise(maps, result)
         else:
-            self._track(maps, self.view, result)
+            self._track(maps, self.view, result, frame.taken)
 
-    def _track(self, maps: list[FrameMaps], view: ModelView, result: StepResult) -> None:
+    def _track(self, maps: list[FrameMaps], view: ModelView, result: StepResult, taken: float) -> None:
         """Track from the last pose; after a gap the map is searched first, which looks closer and further.
 
-        Where that leads astray (much motion and little to hold on to), once more from where constant motion leads.
+        Where that leads astray, once more from where constant motion leads, and by depth and colours alone.
         """
         gap = bool(self.trajectory) and not self.trajectory[-1].tracked
         if gap and self.closer:
             self._relocalise(maps, result)
-        if result.tracked:
-            return
+            if result.tracked:
+                return
         T_view_world, t_min = inverse(view.T_world_camera), self.view_t_active
-        for T_start, first in self._starts():
-            T_prev_cur, health = self.tracker.track(maps, view, T_view_world @ T_start, first)
+        expected = self.motion.expected(self.trajectory, taken, T_view_world)
+        starts = [(True, self.T_world_camera, expected)]
+        starts += [(False, T, None) for T in extrapolated(self.trajectory)[:1]]
+        for first, T_start, motion in starts:
+            T_prev_cur, health = self.tracker.track(maps, view, T_view_world @ T_start, first, motion)
             T, result.health = orthonormal(view.T_world_camera @ T_prev_cur), health
             result.reason = self.check.objection(maps, T, health, self.trajectory, t_min, not first)
             if not result.reason:
+                self.motion.learn(self.trajectory, taken, T, T_prev_cur, health.covariance)
                 self.T_world_camera, result.tracked = T, True
                 return
         if self.closer and not gap:
             self._relocalise(maps, result)
-
-    def _starts(self) -> Iterator[tuple[np.ndarray, bool]]:
-        """T_world_camera from which a frame is searched for, and whether it is the first try."""
-        yield self.T_world_camera, True
-        for expected in extrapolated(self.trajectory)[:1]:
-            yield expected, False
 
     def _relocalise(self, maps: list[FrameMaps], result: StepResult) -> None:
         assert self.closer is not None

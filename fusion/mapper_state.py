@@ -16,7 +16,7 @@ from dsmap.kernels.types import SurfelMap
 METADATA = "state"
 """Key of the plain values in a checkpoint's metadata."""
 _VIEW = ("vertex", "normal", "colour")
-_FERNS, _STAGE, _MOVING = "ferns.", "stage.", "moving."
+_FERNS, _STAGE, _MOVING, _MOTION = "ferns.", "stage.", "moving.", "motion."
 
 
 def mapper_state(mapper: Mapper) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
@@ -38,6 +38,7 @@ def mapper_state(mapper: Mapper) -> tuple[dict[str, np.ndarray], dict[str, Any]]
     if mapper.schedule.last is not None:
         arrays["schedule.last"] = mapper.schedule.last
     arrays |= {_MOVING + name: array for name, array in mapper.moving.state().items()}
+    arrays |= {_MOTION + name: array for name, array in mapper.motion.state().items()}
     arrays |= {_STAGE + name: np.array(ms, dtype=np.float64) for name, ms in mapper.stages_ms.items()}
     closer = mapper.closer
     if closer is not None:
@@ -83,6 +84,7 @@ def restore(mapper: Mapper, surfels: SurfelMap, meta: dict[str, Any], where: str
             intensity = wp.array(arrays["tracker.intensity"], dtype=wp.float32, device=mapper.device)
             mapper.tracker.remember(intensity)
         mapper.moving.set_state(_part(arrays, _MOVING))
+        mapper.motion.set_state(_part(arrays, _MOTION))
     except (KeyError, TypeError, ValueError, RuntimeError) as error:
         raise InputError(f"{where}: does not fit ({error}); expected a whole dsmap checkpoint") from error
 

@@ -8,7 +8,8 @@ import numpy as np
 import warp as wp
 
 from dsmap.fusion.config import TrackConfig
-from dsmap.fusion.lie import exp_se3, solve
+from dsmap.fusion.lie import exp_se3, inverse, log_se3, solve
+from dsmap.fusion.motion import Expected
 from dsmap.fusion.prealign import RotationAligner
 from dsmap.kernels.odometry import Gates, gradient, joint_normal_equations
 from dsmap.kernels.preprocess import half_surface
@@ -22,6 +23,8 @@ _MIN_SHARED = 0.05
 """Share of the image that exposure is measured on, at least."""
 _STEADY = 0.03
 """A ratio of intensities this near to 1 is what motion alone makes of it: no change of exposure."""
+_UNMATCHED = 0.02
+"""Cost of a pixel without a match, where starts are compared: as if it were this far off [m]."""
 _VGA_PIXELS = 640 * 480
 """Published pixel counts are those of this image size."""
 
@@ -121,12 +124,14 @@ class Tracker:
         model: ModelView,
         T_model_start: np.ndarray | None = None,
         prealign: bool = True,
+        expected: Expected | None = None,
     ) -> tuple[np.ndarray, Health]:
         """Register a frame to a model view.
 
         Args:
             T_model_start: where the search starts, shape (4, 4); default: the view's own place.
             prealign: turn that first as the images tell, from the last frame's to this one's.
+            expected: T_model_cur as the camera's motion tells: one more measurement, and another place to start.
 
         Returns:
             T_prev_cur, shape (4, 4), which takes points of the current camera into the model view's, and
@@ -140,7 +145,9 @@ class Tracker:
             T_prev_cur = T_model_start @ T_prev_cur
         source = [(maps.vertex, maps.normal, maps.intensity) for maps in frame]
         gain = exposure_gain(source[-1], model.levels[-1]) if self.config.exposure else 1.0
-        return self.register(source, model, T_prev_cur, gain=gain)
+        if expected is not None:
+            T_prev_cur = self._better_start(source[-1], model.levels[-1], gain, T_prev_cur, expected)
+        return self.register(source, model, T_prev_cur, gain=gain, expected=expected)
 
     def register(
         self,
@@ -149,6 +156,7 @@ class Tracker:
         T_model_source: np.ndarray,
         iterations: Sequence[int] | None = None,
         gain: float = 1.0,
+        expected: Expected | None = None,
     ) -> tuple[np.ndarray, Health]:
         """Register one view to another, coarse to fine, down to the model's finest level.
 
@@ -156,6 +164,7 @@ class Tracker:
             source: (vertex, normal, intensity) a pyramid level; levels finer than the model's are not used.
             T_model_source: first guess, shape (4, 4).
             iterations: a level, fine to coarse; as configured for tracking if None.
+            expected: T_model_source as something else tells; it has no part in the verdict.
 
         Returns:
             T_model_source, which takes points of the source camera into the model's, and the verdict.
@@ -168,7 +177,11 @@ class Tracker:
                 icp, rgb = equations(T_model_source)
                 # Eq. 3: E = E_icp + w_rgb E_rgb
                 w_rgb = self._w_rgb(icp, rgb)
-                xi = solve(icp[0] + w_rgb * rgb[0], icp[1] + w_rgb * rgb[1])
+                A, b = icp[0] + w_rgb * rgb[0], icp[1] + w_rgb * rgb[1]
+                if expected is not None:
+                    Lambda = self._variance(icp, rgb) * expected.information
+                    A, b = A + Lambda, b + Lambda @ log_se3(expected.T @ inverse(T_model_source))
+                xi = solve(A, b)
                 if xi is None:
                     return T_model_source, self._verdict(source, model.finest, icp, rgb, diverged=True)
                 T_model_source = exp_se3(xi) @ T_model_source
@@ -182,6 +195,31 @@ class Tracker:
     ) -> Callable[[np.ndarray], tuple]:
         """Of Eq. 1 and Eq. 2 on one pyramid level: see `joint_normal_equations`, with the configured gates."""
         return joint_normal_equations(self.cameras[level], self._gates(level, gain), source, model)
+
+    def _better_start(
+        self, source: tuple, model: tuple, gain: float, T_rest: np.ndarray, expected: Expected
+    ) -> np.ndarray:
+        """Where the coarsest level fits best: the last pose as turned, that moved on, or what is expected.
+
+        In front of a bare wall all fit alike, and registration stays where it starts: then the expectation decides.
+        """
+        T_moved = T_rest.copy()
+        T_moved[:3, 3] = expected.T[:3, 3]
+        starts = (T_rest, T_moved, expected.T)
+        equations = self.normal_equations(len(self.cameras) - 1, source, model, gain)
+        sums = [equations(T) for T in starts]
+        variance = min(self._variance(icp, rgb) for icp, rgb in sums)
+        costs = []
+        for T, (icp, rgb) in zip(starts, sums, strict=True):
+            xi = log_se3(expected.T @ inverse(T))
+            # A pixel that matches nothing must not be cheaper than one that matches badly.
+            data = icp[2] + self.config.w_rgb * rgb[2] - icp[3] * _UNMATCHED**2
+            costs.append(data + variance * xi @ expected.information @ xi)
+        return starts[int(np.argmin(costs))]
+
+    def _variance(self, icp: tuple, rgb: tuple) -> float:
+        """Of one residual: residuals of neighbouring pixels are not independent, so it is the mean of all."""
+        return (icp[2] + self._w_rgb(icp, rgb) * rgb[2]) / max(icp[3] + rgb[3], 1)
 
     def _w_rgb(self, icp: tuple, rgb: tuple) -> float:
         """The weight of the photometric term: less where the depth is much better than the colour."""
@@ -215,9 +253,9 @@ class Tracker:
         rms_rgb = float(np.sqrt(rgb[2] / max(rgb[3], 1)))
         w_rgb = self._w_rgb(icp, rgb)
         A = icp[0] + w_rgb * rgb[0]
-        # Residuals of neighbouring pixels are not independent: sigma^2 is the mean of all of them.
-        variance = (icp[2] + w_rgb * rgb[2]) / max(icp[3] + rgb[3], 1)
-        covariance = variance * np.linalg.pinv(A) if np.isfinite(A).all() else np.full((6, 6), np.inf)
+        covariance = (
+            self._variance(icp, rgb) * np.linalg.pinv(A) if np.isfinite(A).all() else np.full((6, 6), np.inf)
+        )
         share = float(np.mean(np.diag(icp[0]) / np.maximum(np.diag(A), 1e-12)))
         std = (
             float(np.sqrt(np.abs(np.linalg.eigvalsh(covariance)).max()))

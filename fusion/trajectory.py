@@ -29,6 +29,11 @@ class TrajectoryPoint:
     depth_time: float | None = None
     """Stamp of the depth image [s]; None: that of the colour, `time`."""
 
+    @property
+    def taken(self) -> float:
+        """When the camera was at the pose [s]."""
+        return self.time if self.depth_time is None else self.depth_time
+
 
 def at_colour_stamps(trajectory: Sequence[TrajectoryPoint]) -> np.ndarray:
     """T_world_camera of every frame at its colour stamp, shape (K, 4, 4).
@@ -38,7 +43,7 @@ def at_colour_stamps(trajectory: Sequence[TrajectoryPoint]) -> np.ndarray:
     that side (at the ends: from the one before), unless one of the two is lost or more than 0.1 s away.
     """
     poses = poses_of(trajectory)
-    taken = np.array([p.time if p.depth_time is None else p.depth_time for p in trajectory])
+    taken = np.array([p.taken for p in trajectory])
     out = poses.copy()
     for i, point in enumerate(trajectory):
         later = point.time - taken[i]

@@ -7,7 +7,8 @@ import warp as wp
 
 from dsmap.frame import Intrinsics
 from dsmap.fusion.config import TrackConfig
-from dsmap.fusion.lie import exp_se3, exp_so3, inverse, rotation_angle
+from dsmap.fusion.lie import exp_se3, exp_so3, inverse, log_se3, rotation_angle
+from dsmap.fusion.motion import Expected
 from dsmap.fusion.tracker import ModelView, Tracker, exposure_gain
 from dsmap.kernels import odometry
 from dsmap.kernels.camera import make_camera
@@ -121,6 +122,54 @@ def test_tracker_finds_the_motion(xi):
     assert np.linalg.norm(error[:3, 3]) < 2e-3
     assert np.rad2deg(rotation_angle(error)) < 0.1
     assert 0.01 < health.information_icp < 0.99, "neither residual may drown the other"
+
+
+def wall(distance: float, noise: float, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """A bare grey wall straight ahead, depth with noise [m]."""
+    depth = distance + noise * np.random.default_rng(seed).standard_normal((72, 96))
+    return np.full((72, 96, 3), 128, np.uint8), depth.astype(np.float32)
+
+
+def test_in_front_of_a_bare_wall_motion_says_what_depth_cannot():
+    """Depth alone tells the distance and two angles; the rest comes from the expectation, however wrong it is."""
+    model = preprocess(*wall(2.0, 0.0, 0), LEVELS, CPU)
+    view = ModelView(model[0].vertex, model[0].normal, model[0].intensity, 3, np.eye(4))
+    frame = preprocess(*wall(1.98, 0.002, 1), LEVELS, CPU)
+    motion = np.array([0.01, -0.02, 0.005, 0.004, -0.003, 0.02])
+    sure = 0.005**-2.0 * np.eye(6)
+    tracker = Tracker(TrackConfig(stride=(1, 1, 1)), LEVELS)
+    found, health = tracker.track(frame, view, expected=Expected(exp_se3(motion), sure))
+    xi = log_se3(found)
+    np.testing.assert_allclose(
+        xi[[0, 1, 5]], motion[[0, 1, 5]], atol=0.002, err_msg="along the wall: as expected"
+    )
+    np.testing.assert_allclose(xi[[2, 3, 4]], [0.02, 0, 0], atol=0.002, err_msg="across: as measured")
+    _, by_itself = tracker.track(frame, view)
+    assert health.inliers == pytest.approx(by_itself.inliers, rel=0.02)
+    assert np.diag(health.covariance)[0] > 100 * np.diag(health.covariance)[2], "no part in the verdict"
+
+
+def test_a_sure_measurement_outweighs_a_wrong_expectation():
+    truth = exp_se3(np.array([0.03, -0.02, 0.02, 0.02, -0.03, 0.01]))
+    frame, model, _ = pair(truth)
+    wrong = Expected(np.eye(4), 0.02**-2.0 * np.eye(6))
+    found, health = Tracker(TrackConfig(stride=(1, 1, 1)), LEVELS).track(frame, model, expected=wrong)
+    assert health.tracked and np.linalg.norm((inverse(truth) @ found)[:3, 3]) < 2e-3
+
+
+def test_a_search_starts_where_motion_leads_if_that_fits_better():
+    """So far from the last pose that registration does not get there from it."""
+    truth = exp_se3(np.array([0.05, -0.05, 0.05, 0, 0.5, 0]))
+    frame, model, _ = pair(truth)
+    tracker = Tracker(TrackConfig(stride=(1, 1, 1), so3=False), LEVELS)
+    unsure = 10.0**-2 * np.eye(6)
+    starts = {"rest": None, "expected": Expected(truth, unsure), "wrong": Expected(inverse(truth), unsure)}
+    off = {
+        name: np.linalg.norm((inverse(truth) @ tracker.track(frame, model, expected=e)[0])[:3, 3])
+        for name, e in starts.items()
+    }
+    assert off["expected"] < 5e-3 and off["rest"] > 0.02
+    assert off["wrong"] < 2 * off["rest"], "a start that fits worse is not taken"
 
 
 def test_tracker_knows_when_it_is_lost():

@@ -70,3 +70,8 @@ class Frame:
     """Ground-truth instance ids, uint16, shape (H, W)."""
     depth_time: float | None = None
     """Stamp of the depth image [s], which is the time of the pose; None: that of the colour."""
+
+    @property
+    def taken(self) -> float:
+        """When the camera was at the frame's pose [s]."""
+        return self.time if self.depth_time is None else self.depth_time
