@@ -72,7 +72,18 @@ def apart(T_a: np.ndarray, T_b: np.ndarray) -> tuple[float, float]:
 def solve(A: np.ndarray, b: np.ndarray) -> np.ndarray | None:
     """Solution of the normal equations A x = b of a few unknowns, or None where they have none."""
     try:
-        x = np.linalg.solve(A + 1e-9 * np.trace(A) * np.eye(len(A)), b)
+        x = np.linalg.solve(_regular(A), b)
     except np.linalg.LinAlgError:
         return None
     return x if np.isfinite(x).all() else None
+
+
+def uncertainty(A: np.ndarray, variance: float = 1.0) -> np.ndarray:
+    """variance A^-1 of a normal matrix; very large, not zero as with a pseudo-inverse, where A says nothing."""
+    if not np.isfinite(A).all() or not A.any():
+        return np.full(A.shape, np.inf)
+    return variance * np.linalg.inv(_regular(A))
+
+
+def _regular(A: np.ndarray) -> np.ndarray:
+    return A + 1e-9 * np.trace(A) * np.eye(len(A))

@@ -8,7 +8,7 @@ import numpy as np
 import warp as wp
 
 from dsmap.fusion.config import TrackConfig
-from dsmap.fusion.lie import exp_se3, inverse, log_se3, solve
+from dsmap.fusion.lie import exp_se3, inverse, log_se3, solve, uncertainty
 from dsmap.fusion.motion import Expected
 from dsmap.fusion.prealign import RotationAligner
 from dsmap.kernels.odometry import Gates, gradient, joint_normal_equations
@@ -253,9 +253,7 @@ class Tracker:
         rms_rgb = float(np.sqrt(rgb[2] / max(rgb[3], 1)))
         w_rgb = self._w_rgb(icp, rgb)
         A = icp[0] + w_rgb * rgb[0]
-        covariance = (
-            self._variance(icp, rgb) * np.linalg.pinv(A) if np.isfinite(A).all() else np.full((6, 6), np.inf)
-        )
+        covariance = uncertainty(A, self._variance(icp, rgb))
         share = float(np.mean(np.diag(icp[0]) / np.maximum(np.diag(A), 1e-12)))
         std = (
             float(np.sqrt(np.abs(np.linalg.eigvalsh(covariance)).max()))
@@ -271,7 +269,7 @@ class Tracker:
         ]
         reason = next((text for bad, text in reasons if bad), "")
         scale = _VGA_PIXELS / sampled.size
-        cofactor = np.diag(np.linalg.pinv(scale * A)) if np.isfinite(A).all() else np.full(6, np.inf)
+        cofactor = np.diag(uncertainty(scale * A))
         return Health(
             not reason, reason, fraction, rms_icp, rms_rgb, covariance, share, scale * icp[3], cofactor
         )

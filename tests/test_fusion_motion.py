@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dsmap.fusion.config import TrackConfig
-from dsmap.fusion.lie import adjoint, exp_se3, hat, inverse, log_se3
+from dsmap.fusion.lie import adjoint, exp_se3, hat, inverse, log_se3, uncertainty
 from dsmap.fusion.motion import Motion
 from dsmap.fusion.trajectory import TrajectoryPoint
 
@@ -29,6 +29,14 @@ def test_adjoint_takes_a_twist_to_the_other_side():
     generator[:3, :3], generator[:3, 3] = hat(xi[3:]), xi[:3]
     moved = T @ generator @ inverse(T)
     np.testing.assert_allclose((adjoint(T) @ xi)[:3], moved[:3, 3], atol=1e-12)
+
+
+def test_what_nothing_was_measured_of_is_uncertain():
+    """A pseudo-inverse would call it certain: zero."""
+    J = np.array([[1.0, 0, 0], [1, 0, 0], [0, 2, 0]])
+    np.testing.assert_allclose(np.diag(uncertainty(J.T @ J, 0.5))[:2], [0.25, 0.125], rtol=1e-6)
+    assert uncertainty(J.T @ J, 0.5)[2, 2] > 1e7
+    assert np.isinf(uncertainty(np.zeros((3, 3)))).all()
 
 
 def tracked(motion: Motion, velocities, covariance=SURE, path=None) -> list[TrajectoryPoint]:
