@@ -272,11 +272,12 @@ def test_a_mesh_is_read_back(tmp_path):
     np.testing.assert_array_equal(read.label, mesh.label)
 
 
-def test_real_tum_recording_has_294_pairs():
+def test_real_tum_recording_has_300_pairs():
     sequence = open_sequence(shared_data("tum_fr1_xyz_10s"))
-    assert (len(sequence), sequence.recording.num_rgb, sequence.recording.num_depth) == (294, 300, 301)
+    assert (len(sequence), sequence.recording.num_rgb, sequence.recording.num_depth) == (300, 300, 301)
     assert sequence.intrinsics.fx == 517.3 and sequence.intrinsics_source == "known default of TUM fr1"
     frame = sequence.frame(0)
+    assert abs(frame.taken - frame.time) < 0.005, "depth of fr1 is stamped 20 ms late"
     assert frame.rgb.shape == (480, 640, 3) and 0.5 < np.median(frame.depth[frame.depth > 0]) < 2
 
 
