@@ -14,14 +14,14 @@ from dsmap.frame import Intrinsics
 
 FILE = "calibration.yaml"
 
-_TUM = {  # fx, fy, cx, cy and radtan k1 k2 p1 p2 k3 of the colour cameras, as TUM publishes them
-    "1": ((517.3, 516.5, 318.6, 255.3), (0.2624, -0.9531, -0.0054, 0.0026, 1.1633)),
-    "2": ((520.9, 521.0, 325.1, 249.7), (0.2312, -0.7849, -0.0033, -0.0001, 0.9172)),
-    "3": ((535.4, 539.2, 320.1, 247.6), None),
+_TUM = {
+    "1": ((517.3, 516.5, 318.6, 255.3), (0.2624, -0.9531, -0.0054, 0.0026, 1.1633), -0.02),
+    "2": ((520.9, 521.0, 325.1, 249.7), (0.2312, -0.7849, -0.0033, -0.0001, 0.9172), 0.0),
+    "3": ((535.4, 539.2, 320.1, 247.6), None, 0.0),
 }
-_TUM_DEPTH_LATE_S = {"1": -0.02}
-"""Depth images of fr1 are stamped some 20 ms too late: paired by plain stamps colours lie 3 pixels beside their depth
-where the camera turns (docs/architecture.md). Not known of fr2 and fr3."""
+"""fx, fy, cx, cy and radtan k1 k2 p1 p2 k3 of the colour cameras, as TUM publishes them; offset of depth stamps [s].
+Depth of fr1 is stamped some 20 ms too late: paired by plain stamps colours lie 3 pixels beside their depth where the
+camera turns (docs/architecture.md). Of fr2 and fr3 nothing is known."""
 _SEVEN_SCENES_FOCAL = 526.4
 """Of the colour camera at 640x480 [px]. This and the rotation below were fitted on every 25th frame of one recording
 (edges of depth against edges of colour; two disjoint sets of frames agree to 0.1 % and 0.5 mrad)."""
@@ -153,17 +153,9 @@ def known_default(layout: str, path: Path, width: int, height: int) -> Calibrati
     match = _TUM_NAME.search(path.resolve().name)
     if match is None:
         return None
-    values, distortion = _TUM[match[1]]
+    values, distortion, offset = _TUM[match[1]]
     camera = Intrinsics(640, 480, *values, distortion=distortion).scaled(width, height)
-    return Calibration(
-        camera, 5000.0, f"known default of TUM fr{match[1]}", depth_time_offset_s=known_time_offset(path)
-    )
-
-
-def known_time_offset(path: Path) -> float:
-    """What is to be added to the depth stamps of a public TUM recording [s]; 0 where nothing is known."""
-    match = _TUM_NAME.search(path.resolve().name)
-    return _TUM_DEPTH_LATE_S.get(match[1], 0.0) if match else 0.0
+    return Calibration(camera, 5000.0, f"known default of TUM fr{match[1]}", depth_time_offset_s=offset)
 
 
 def resolve(

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from dsmap.errors import InputError
 from dsmap.sequences.base import Recording, Sequence
-from dsmap.sequences.calibration import FILE, Calibration, known_time_offset, read_calibration, resolve
+from dsmap.sequences.calibration import FILE, Calibration, known_default, read_calibration, resolve
 from dsmap.sequences.images import image_size
 from dsmap.sequences.redwood import is_redwood, read_redwood
 from dsmap.sequences.seven_scenes import is_seven_scenes, read_seven_scenes
@@ -67,7 +67,8 @@ def read_recording(folder: Path, stored: Calibration | None = None) -> Recording
         InputError: the folder is none of the layouts; names what was looked for and what was found.
     """
     if is_tum(folder):
-        return read_tum(folder, stored.depth_time_offset_s if stored else known_time_offset(folder))
+        known = stored or known_default("tum", folder, 640, 480)  # of whatever size: the stamps are the same
+        return read_tum(folder, known.depth_time_offset_s if known else 0.0)
     if is_seven_scenes(folder):
         return read_seven_scenes(folder)
     if is_redwood(folder):
