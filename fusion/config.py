@@ -11,7 +11,8 @@ class TrackConfig:
     iterations: tuple[int, ...] = (6, 5, 4)
     """Gauss-Newton iterations a pyramid level, fine to coarse; each level stops early when it converges."""
     stride: tuple[int, ...] = (4, 2, 1)
-    """Every n-th pixel in both directions counts, a level: 19,200 points of 640x480 constrain six numbers amply."""
+    """Every n-th pixel in both directions counts, a level, in images 640 pixels wide; in smaller ones as many more, as
+    far as there are: 19,200 points constrain six numbers amply."""
     w_rgb: float = 0.1
     """Weight of the photometric term (Eq. 3), at most; metres and intensities in [0, 1]."""
     rgb_balance: float = 8.0

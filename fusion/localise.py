@@ -6,8 +6,9 @@ from dsmap.frame import Frame, Intrinsics
 from dsmap.fusion.config import MapConfig
 from dsmap.fusion.integrate import Integrator
 from dsmap.fusion.loop_record import LoopRecord
-from dsmap.fusion.mapper import Mapper, StepResult
+from dsmap.fusion.mapper import Mapper
 from dsmap.fusion.segmenter import Segmenter
+from dsmap.fusion.step_result import StepResult
 from dsmap.kernels.types import FrameMaps
 
 

@@ -92,7 +92,7 @@ def explained_rms(
     if count == 0:
         return float(np.inf), 0.0
     step = np.linalg.lstsq(A, b, rcond=1e-4)[0]
-    stride = tracker.config.stride[level]
+    stride = tracker.stride[level]
     pixels = seen.both * source[0].shape[0] * source[0].shape[1] / stride**2
     return float(np.sqrt(max(b @ step, 0.0) / count)), count / max(pixels, 1.0)
 

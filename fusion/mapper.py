@@ -4,7 +4,6 @@ import time
 from collections import defaultdict
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -19,11 +18,12 @@ from dsmap.fusion.lie import inverse
 from dsmap.fusion.loop_closure import LoopCloser
 from dsmap.fusion.loop_record import LoopRecord, Moment
 from dsmap.fusion.motion import Motion
-from dsmap.fusion.moving import MovingThings
+from dsmap.fusion.moving import MovingThings, without
 from dsmap.fusion.pose_check import PoseCheck
 from dsmap.fusion.segmenter import Segmenter
 from dsmap.fusion.semantics import Schedule
-from dsmap.fusion.tracker import Health, ModelView, Tracker
+from dsmap.fusion.step_result import StepResult
+from dsmap.fusion.tracker import ModelView, Tracker
 from dsmap.fusion.trajectory import TrajectoryPoint, extrapolated
 from dsmap.fusion.views import Views, has_left, pyramid_cameras
 from dsmap.kernels.compact import Sweep
@@ -36,27 +36,6 @@ LEVELS = 3
 """Pyramid levels of tracking."""
 _MIN_DEPTH_PIXELS = 0.02
 """A frame with a smaller share of valid depth is lost: there is nothing to track or to fuse."""
-
-
-@dataclass
-class StepResult:
-    """What one frame did to the map."""
-
-    T_world_camera: np.ndarray
-    tracked: bool
-    health: Health | None
-    """None where poses are given, and for the first frame."""
-    reason: str
-    """Why the frame is lost, in words; empty when tracked."""
-    inserted: int
-    segmented: bool
-    relocalised: bool = False
-    """Tracking had lost this frame; it was found again by keyframes."""
-    loop: LoopRecord | None = None
-    """The loop that was closed after this frame."""
-    moving: float = 0.0
-    """Share of the image that moves and is left out of the map."""
-    stages_ms: dict[str, float] = field(default_factory=dict)
 
 
 class Mapper:
@@ -131,12 +110,13 @@ class Mapper:
                 maps = self.prepare(frame)
         with self._stage("track"):
             self._locate(frame, maps, result)
+        if result.tracked:
+            with self._stage("moving"):
+                self._set_movers_apart(maps, result, frame.taken)
         self.trajectory.append(
             TrajectoryPoint(frame.time, self.T_world_camera.copy(), result.tracked, frame.depth_time)
         )
         if result.tracked:
-            with self._stage("moving"):
-                result.moving = self.moving.mask(maps, self.trajectory)
             with self._stage("associate"):
                 self.integrator.associate(self.T_world_camera, maps[0], self._t_active)
             with self._stage("fuse"):
@@ -234,15 +214,30 @@ class Mapper:
         starts = [(True, self.T_world_camera, expected)]
         starts += [(False, T, None) for T in extrapolated(self.trajectory)[:1]]
         for first, T_start, motion in starts:
-            T_prev_cur, health = self.tracker.track(maps, view, T_view_world @ T_start, first, motion)
-            T, result.health = orthonormal(view.T_world_camera @ T_prev_cur), health
-            result.reason = self.check.objection(maps, T, health, self.trajectory, t_min, not first)
+            T_prev_cur, result.health = self.tracker.track(maps, view, T_view_world @ T_start, first, motion)
+            T = orthonormal(view.T_world_camera @ T_prev_cur)
+            result.reason = self.check.objection(maps, T, result.health, self.trajectory, t_min, not first)
             if not result.reason:
-                self.motion.learn(self.trajectory, taken, T, T_prev_cur, health.covariance)
                 self.T_world_camera, result.tracked = T, True
                 return
         if self.closer and not gap:
             self._relocalise(maps, result)
+
+    def _set_movers_apart(self, maps: list[FrameMaps], result: StepResult, taken: float) -> None:
+        """Mask what moves, and track once more without it: it must not steer the camera."""
+        moving = self.moving.mask(maps, self.trajectory, self.T_world_camera)
+        result.moving = 0.0 if moving is None else float(moving.mean())
+        if result.health is None or result.relocalised or self.view is None:
+            return
+        view, T_view_world = self.view, inverse(self.view.T_world_camera)
+        T_view_cur = T_view_world @ self.T_world_camera
+        if moving is not None:
+            expected = self.motion.expected(self.trajectory, taken, T_view_world)
+            T_still, health = self.tracker.track(without(maps, moving), view, T_view_cur, False, expected)
+            T = orthonormal(view.T_world_camera @ T_still)
+            if not self.check.objection(maps, T, health, self.trajectory, self.view_t_active):
+                self.T_world_camera, T_view_cur, result.health = T, T_still, health
+        self.motion.learn(self.trajectory, taken, self.T_world_camera, T_view_cur, result.health.covariance)
 
     def _relocalise(self, maps: list[FrameMaps], result: StepResult) -> None:
         assert self.closer is not None

@@ -1,4 +1,4 @@
-"""Moving things: people and objects that move are masked out of a frame before it is fused.
+"""Moving things: people and objects that move are masked out of a frame: neither fused, nor do they steer the camera.
 
 A point is moving if it lies where one of the last frames saw free space. New surfaces that come into view lie
 where nothing was known, and are fused at once; a thing that moved in front of a known wall is not. Nothing
@@ -9,6 +9,7 @@ business: prune takes out what the camera sees through.
 
 from collections import deque
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import cv2
@@ -24,7 +25,7 @@ from dsmap.kernels.types import FrameMaps
 _EVERY = 4
 """Every n-th frame is remembered."""
 _COMPARED = (1, 3, 7)
-"""The remembered frames, counted from the newest, that a frame is compared with; and the oldest one."""
+"""The remembered frames, counted from the newest, that every frame is compared with; and the oldest one."""
 
 _AROUND = 7
 """Pixels of the coarse level, across, whose nearest depth counts as what an earlier frame saw. In fast motion
@@ -49,25 +50,26 @@ class MovingThings:
         self.camera = cameras[self.level]
         self.memory: deque[tuple[int, np.ndarray]] = deque(maxlen=max(config.moving.memory // _EVERY, 1))
 
-    def mask(self, frame: Sequence[FrameMaps], trajectory: Sequence[TrajectoryPoint]) -> float:
+    def mask(
+        self, frame: Sequence[FrameMaps], trajectory: Sequence[TrajectoryPoint], T_world_camera: np.ndarray
+    ) -> np.ndarray | None:
         """Treat a tracked frame's moving pixels as depth edges: neither fused nor labelled, evidence of nothing.
 
         Args:
             frame: its maps, finest level first; the edges of the finest are changed.
-            trajectory: of all frames so far; this one's pose is the last.
+            trajectory: of all frames before this one.
 
         Returns:
-            Their share of the image.
+            The moving pixels, bool, shape (H, W) of the finest level; None if nothing moves.
         """
         if self.config.moving.mode == "off":
-            return 0.0
-        moving = self.find(frame, trajectory)
-        self.remember(frame, len(trajectory) - 1)
-        if moving is None:
-            return 0.0
-        edge = frame[0].edge
-        edge.assign(edge.numpy() | moving)
-        return float(moving.mean())
+            return None
+        moving = self.find(frame, trajectory, T_world_camera)
+        self.remember(frame, len(trajectory))
+        if moving is not None:
+            edge = frame[0].edge
+            edge.assign(edge.numpy() | moving)
+        return moving
 
     def state(self) -> dict[str, np.ndarray]:
         """What is remembered, as plain arrays."""
@@ -82,26 +84,43 @@ class MovingThings:
         if state:
             self.memory.extend(zip(state["rows"].tolist(), state["depths"], strict=True))
 
-    def find(self, frame: Sequence[FrameMaps], trajectory: Sequence[TrajectoryPoint]) -> np.ndarray | None:
-        """Mask of a frame's moving pixels, bool, shape (H, W) of the finest level; None if nothing moves."""
+    def find(
+        self, frame: Sequence[FrameMaps], trajectory: Sequence[TrajectoryPoint], T_world_camera: np.ndarray
+    ) -> np.ndarray | None:
+        """Mask of a frame's moving pixels, bool, shape (H, W) of the finest level; None if nothing moves.
+
+        A few remembered frames tell whether anything does. Only if so all are asked: where a chair that comes nearer
+        is now, some frame has looked through before the chair was in its way.
+        """
         if not self.memory:
             return None
+        few = {len(self.memory) - back for back in _COMPARED} | {0}
+        things = self._things(frame, trajectory, T_world_camera, [i for i in sorted(few) if i >= 0])
+        if things.any():
+            things = self._things(frame, trajectory, T_world_camera, range(len(self.memory)))
+        if not things.any():
+            return None
+        height, width = frame[0].vertex.shape
+        return cv2.resize(things, (width, height), interpolation=cv2.INTER_NEAREST).astype(bool)
+
+    def _things(
+        self,
+        frame: Sequence[FrameMaps],
+        trajectory: Sequence[TrajectoryPoint],
+        T_world_camera: np.ndarray,
+        numbers: Sequence[int],
+    ) -> np.ndarray:
+        """What lies where these remembered frames saw free space, uint8, shape (h, w) of the coarse level."""
         vertex = frame[self.level].vertex
         free = wp.empty(vertex.shape, dtype=wp.uint8, device=vertex.device)
-        known = {len(self.memory) - back for back in _COMPARED} | {0}
-        chosen = [self.memory[i] for i in sorted(known) if i >= 0]
-        T_world_camera = trajectory[-1].T_world_camera
+        chosen = [self.memory[i] for i in numbers]
         to_past = [inverse(trajectory[row].T_world_camera) @ T_world_camera for row, _ in chosen]
         surfels = self.config.surfels
         was_free(
             self.camera, vertex, to_past, [depth for _, depth in chosen], free=free,
             margin=surfels.max_ray_distance, margin_z2=surfels.ray_distance_z2,
         )  # fmt: skip
-        things = whole_things(free.numpy(), vertex.numpy()[..., 2], self.config.moving.min_share)
-        if not things.any():
-            return None
-        height, width = frame[0].vertex.shape
-        return cv2.resize(things, (width, height), interpolation=cv2.INTER_NEAREST).astype(bool)
+        return whole_things(free.numpy(), vertex.numpy()[..., 2], self.config.moving.min_share)
 
     def remember(self, frame: Sequence[FrameMaps], row: int) -> None:
         """Remember a tracked frame, line `row` of the trajectory, for later ones."""
@@ -109,6 +128,18 @@ class MovingThings:
             depth = np.ascontiguousarray(frame[self.level].vertex.numpy()[..., 2])
             # The nearest depth around each pixel; holes (0) tell nothing.
             self.memory.append((row, cv2.erode(depth, np.ones((_AROUND, _AROUND), np.uint8))))
+
+
+def without(frame: Sequence[FrameMaps], moving: np.ndarray) -> list[FrameMaps]:
+    """Maps of a frame, finest level first, without the depth of these pixels: bool, shape (H, W) of the finest."""
+    still = []
+    for maps in frame:
+        vertex = maps.vertex.numpy().copy()
+        height, width = vertex.shape[:2]
+        # INTER_AREA: a coarse pixel that is partly moving counts as moving.
+        vertex[cv2.resize(moving.astype(np.float32), (width, height), interpolation=cv2.INTER_AREA) > 0] = 0
+        still.append(replace(maps, vertex=wp.array(vertex, dtype=wp.vec3, device=maps.vertex.device)))
+    return still
 
 
 def whole_things(free: np.ndarray, depth: np.ndarray, min_share: float) -> np.ndarray:

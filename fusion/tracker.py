@@ -25,7 +25,7 @@ _STEADY = 0.03
 """A ratio of intensities this near to 1 is what motion alone makes of it: no change of exposure."""
 _UNMATCHED = 0.02
 """Cost of a pixel without a match, where starts are compared: as if it were this far off [m]."""
-_VGA_PIXELS = 640 * 480
+_VGA_WIDTH, _VGA_PIXELS = 640, 640 * 480
 """Published pixel counts are those of this image size."""
 
 
@@ -110,6 +110,8 @@ class Tracker:
     def __init__(self, config: TrackConfig, cameras: Sequence[Any]):
         self.config = config
         self.cameras = cameras
+        self.stride = [max(round(step * cameras[0].width / _VGA_WIDTH), 1) for step in config.stride]
+        """Every n-th pixel of this image counts, a level."""
         self.aligner = RotationAligner(cameras[-1])
         self.last_coarse: list[tuple[wp.array, wp.array]] | None = None
         """Small images of the last tracked frame, finest first (see RotationAligner.pyramid)."""
@@ -236,7 +238,7 @@ class Tracker:
         gates.huber_icp, gates.huber_rgb = config.huber_icp, config.huber_rgb
         gates.gain = gain
         gates.noise_z = config.noise_z
-        gates.stride = config.stride[level]
+        gates.stride = self.stride[level]
         return gates
 
     def _verdict(
@@ -245,7 +247,7 @@ class Tracker:
         if icp is None or rgb is None:
             infinite = np.full((6, 6), np.inf)
             return Health(False, "no iterations", 0.0, np.inf, np.inf, infinite, 0.0, 0.0, infinite[0])
-        config, stride = self.config, self.config.stride[finest]
+        config, stride = self.config, self.stride[finest]
         sampled = source[finest][0].numpy()[::stride, ::stride, 2]
         valid = np.count_nonzero(sampled)
         fraction = icp[3] / max(valid, 1)

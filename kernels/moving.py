@@ -59,4 +59,4 @@ def was_free(
     T = wp.array(poses, dtype=wp.mat44, device=device)
     depth = wp.array(np.ascontiguousarray(np.stack(past)), dtype=wp.float32, device=device)
     inputs = [camera, margin, margin_z2, T, depth, vertex]
-    launch_rows(_was_free, camera.height, camera.width, inputs, [free], device)
+    launch_rows(_was_free, camera.height, camera.width * len(past), inputs, [free], device)

@@ -72,7 +72,8 @@ def test_a_local_loop_takes_the_drift_out(closed, unclosed):
     assert closed.loops[0].shift_m > 0.02
     found, left = errors(closed), errors(unclosed)
     after = closed.loops[0].frame
-    assert found[after:].max() < 0.012
+    # Where the loop closes the old surface is itself bent by a part of the drift; further back it is not.
+    assert found[after:].max() < 0.015 and found[-10:].max() < 0.006
     assert np.sqrt(np.mean(found[20:AWAY] ** 2)) < 0.6 * np.sqrt(np.mean(left[20:AWAY] ** 2)), (
         "the past is bent too"
     )
@@ -139,7 +140,9 @@ def test_a_global_loop_takes_more_drift_out():
     there_and_back(m, 2 * DRIFT)
     assert [loop.kind for loop in m.loops] == ["global"]
     assert m.loops[0].similarity > m.config.ferns.min_similarity
-    assert m.loops[0].shift_m > 0.04 and errors(m)[m.loops[0].frame :].max() < 0.02
+    found = errors(m)
+    assert m.loops[0].shift_m > 0.04
+    assert found[m.loops[0].frame :].max() < 0.025 and found[-10:].max() < 0.006
 
 
 def test_without_loops_the_whole_map_is_active():

@@ -10,8 +10,10 @@ import warp as wp
 from dsmap.fusion.config import MapConfig, MovingConfig
 from dsmap.fusion.lie import exp_se3
 from dsmap.fusion.mapper import Mapper
-from dsmap.fusion.moving import MovingThings, whole_things
+from dsmap.fusion.moving import MovingThings, whole_things, without
+from dsmap.fusion.trajectory import TrajectoryPoint
 from dsmap.kernels.moving import was_free
+from dsmap.kernels.preprocess import preprocess
 from dsmap.metrics import ate_rmse
 
 CAMERA = random_scene.CAMERA
@@ -120,6 +122,67 @@ def test_people_who_walk_through_do_not_pull_the_camera():
     given = np.array([frame.T_world_camera for frame in frames])
     error = {mode: ate_rmse(run(mode, frames)[1], given) for mode in ("off", "mask")}
     assert error["mask"] < 0.004 and error["mask"] < 0.8 * error["off"]
+
+
+def test_once_something_moves_every_remembered_frame_is_asked():
+    """The few that are asked first looked past a fifth of the box; the others past all of it."""
+    things = MovingThings(MapConfig(), [CAMERA])
+    height, width = CAMERA.height, CAMERA.width
+    depth = np.full((height, width), 3.0, np.float32)
+    box = np.s_[height // 4 : 3 * height // 4, width // 4 : 3 * width // 4]
+    before = depth.copy()
+    before[box] = 1.5
+    before[box[0], width // 4 : width // 4 + width // 10] = 3.0
+    frame = depth.copy()
+    frame[box] = 1.5
+    things.memory.extend((row, before) for row in range(15))
+    maps = preprocess(np.full((height, width, 3), 90, np.uint8), frame, [CAMERA], wp.get_device("cpu"))
+    trajectory = [TrajectoryPoint(row / 30, np.eye(4), True) for row in range(15)]
+
+    def share() -> float:
+        found = things.find(maps, trajectory, np.eye(4))
+        return 0.0 if found is None else float(found[box].mean())
+
+    assert 0.1 < share() < 0.4
+    things.memory[13] = (13, depth)  # of the ten that are not asked at first
+    assert share() > 0.9
+    things.memory.extend((row, frame) for row in range(15))
+    things.memory[13] = (13, depth)
+    assert share() == 0.0, "the few see nothing move: nobody else is asked"
+
+
+def test_a_frame_without_what_moves_has_holes_on_every_level():
+    still = moving_scene.frame(0, None)
+    mapper = Mapper(MapConfig(), moving_scene.INTRINSICS)
+    maps = mapper.prepare(still)
+    moving = np.zeros((120, 160), bool)
+    moving[40:61, 50:90] = True
+    for level, (a, b) in enumerate(zip(maps, without(maps, moving), strict=True)):
+        hole = b.vertex.numpy()[..., 2] == 0
+        assert hole[40 >> level : 61 >> level, 50 >> level : 90 >> level].all()
+        assert hole.sum() <= (21 / 2**level + 1) * (40 / 2**level + 1) + (a.vertex.numpy()[..., 2] == 0).sum()
+        assert b.intensity is a.intensity and (a.vertex.numpy()[..., 2] > 0).mean() > 0.9, (
+            "the frame keeps its own"
+        )
+
+
+def test_what_moves_does_not_steer_the_camera(monkeypatch):
+    """A box that fills much of the view creeps away: with its pixels in the registration it takes the camera along."""
+
+    def errors() -> float:
+        rng = np.random.default_rng(3)
+        frames = [
+            moving_scene.frame(i, np.array([-0.1 + 0.015 * max(i - 20, 0), 0.6, 1.0]), rng) for i in range(70)
+        ]
+        given = np.array([frame.T_world_camera for frame in frames])
+        _, poses, moving = run("mask", frames)
+        assert max(moving) > 0.1
+        return float(np.linalg.norm((poses - given)[30:, :3, 3], axis=1).mean())
+
+    apart = errors()
+    monkeypatch.setattr("dsmap.fusion.mapper.without", lambda maps, moving: maps)
+    together = errors()
+    assert apart < 0.8 * together, (apart, together)
 
 
 def test_the_memory_can_be_saved_and_restored():

@@ -53,8 +53,9 @@ def pair(T_prev_cur: np.ndarray):
 @pytest.mark.parametrize("stride", [1, 2])
 def test_joint_normal_equations(stride):
     frame, model, _ = pair(exp_se3(np.array([0.02, -0.01, 0.015, 0.01, 0.02, -0.01])))
-    tracker = Tracker(TrackConfig(stride=(stride,) * 3, huber_icp=0.004, huber_rgb=0.02, noise_z=0.3), LEVELS)
+    tracker = Tracker(TrackConfig(huber_icp=0.004, huber_rgb=0.02, noise_z=0.3), LEVELS)
     gates = tracker._gates(1, gain=1.05)
+    gates.stride = stride
     T = exp_se3(np.array([0.01, 0.0, 0.005, 0.0, 0.01, 0.0]))
     maps = (frame[1].vertex, frame[1].normal, frame[1].intensity)
     got = odometry.joint_normal_equations(LEVELS[1], gates, maps, model.levels[1])(T)
@@ -77,9 +78,10 @@ def test_exposure_is_not_taken_for_motion():
     assert exposure_gain(surfaces[-1], model.levels[-1]) == pytest.approx(1 / 0.75, rel=0.05)
     errors = {}
     for exposure in (True, False):
-        found, health = Tracker(TrackConfig(exposure=exposure, so3=False), LEVELS).track(frame, model)
+        config = TrackConfig(exposure=exposure, so3=False, w_rgb=1.0, rgb_balance=1e3)  # colour decides
+        found, health = Tracker(config, LEVELS).track(frame, model)
         errors[exposure] = np.linalg.norm((np.linalg.inv(T) @ found)[:3, 3])
-    assert errors[True] < 0.5e-3 and errors[True] < errors[False]
+    assert errors[True] < 2e-3 and errors[True] < 0.1 * errors[False]
     nothing = (surfaces[-1][0], surfaces[-1][1], wp.zeros_like(surfaces[-1][2]))
     assert exposure_gain(nothing, model.levels[-1]) == 1.0, "a black image has no exposure"
 

@@ -11,7 +11,8 @@ import numpy as np
 from tqdm import tqdm
 
 from dsmap.fusion.ahead import prepare_ahead
-from dsmap.fusion.mapper import Mapper, StepResult
+from dsmap.fusion.mapper import Mapper
+from dsmap.fusion.step_result import StepResult
 from dsmap.sequences import Sequence
 
 STRIP_FRAMES = 4
