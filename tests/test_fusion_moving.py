@@ -12,24 +12,36 @@ from dsmap.fusion.lie import exp_se3
 from dsmap.fusion.mapper import Mapper
 from dsmap.fusion.moving import MovingThings, whole_things, without
 from dsmap.fusion.trajectory import TrajectoryPoint
-from dsmap.kernels.moving import was_free
+from dsmap.kernels.moving import carried, was_free
 from dsmap.kernels.preprocess import preprocess
 from dsmap.metrics import ate_rmse
 
 CAMERA = random_scene.CAMERA
 
 
-def reference_was_free(camera, vertex, poses, past, margin, margin_z2) -> np.ndarray:
-    """Slow twin of `was_free`."""
-    free = np.zeros(vertex.shape[:2], np.uint8)
+def reference_was_free(camera, vertex, poses, past, margin, margin_z2) -> tuple[np.ndarray, ...]:
+    """Slow twin of `was_free`: free, known."""
+    free, known = np.zeros((2, *vertex.shape[:2]), np.uint8)
     for y, x in np.ndindex(free.shape):
-        for T, depth in zip(poses, past, strict=True):
+        for number, (T, depth) in enumerate(zip(poses, past, strict=True)):
             if vertex[y, x, 2] > 0:
                 p = T[:3, :3] @ vertex[y, x] + T[:3, 3]
                 at = reference_map.pixel(camera, p)
-                if at and depth[at] > 0 and depth[at] - p[2] > max(margin, margin_z2 * depth[at] ** 2):
-                    free[y, x] = 1
-    return free
+                if at and depth[at] > 0:
+                    known[y, x] |= number == 0
+                    free[y, x] |= depth[at] - p[2] > max(margin, margin_z2 * depth[at] ** 2)
+    return free, known
+
+
+def reference_carried(camera, vertex, T, depth, things, max_step) -> np.ndarray:
+    """Slow twin of `carried`."""
+    found = np.zeros(vertex.shape[:2], np.uint8)
+    for y, x in np.ndindex(found.shape):
+        p = T[:3, :3] @ vertex[y, x] + T[:3, 3]
+        at = reference_map.pixel(camera, p)
+        if vertex[y, x, 2] > 0 and at and abs(depth[at] - p[2]) < max_step:
+            found[y, x] = things[at]
+    return found
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -38,12 +50,26 @@ def test_free_space_equals_its_twin(seed):
     vertex = random_scene.frame_arrays(seed)["vertex"]
     poses = [exp_se3(rng.normal(0, 0.05, 6)) for _ in range(3)]
     past = [random_scene.frame_arrays(seed + k)["depth"] + np.float32(0.03 * k) for k in range(1, 4)]
+    past[0][:10] = 0
     options = {"margin": 0.04, "margin_z2": 0.03}
-    free = wp.empty(vertex.shape[:2], dtype=wp.uint8, device="cpu")
-    was_free(CAMERA, wp.array(vertex, dtype=wp.vec3, device="cpu"), poses, past, free=free, **options)
-    expected = reference_was_free(CAMERA, vertex.astype(np.float64), poses, past, **options)
-    assert 0.02 < expected.mean() < 0.98
-    assert (free.numpy() != expected).sum() <= 2
+    out = {name: wp.empty(vertex.shape[:2], dtype=wp.uint8, device="cpu") for name in ("free", "known")}
+    was_free(CAMERA, wp.array(vertex, dtype=wp.vec3, device="cpu"), poses, past, **out, **options)
+    twins = reference_was_free(CAMERA, vertex.astype(np.float64), poses, past, **options)
+    for found, expected in zip(out.values(), twins, strict=True):
+        assert 0.02 < expected.mean() < 0.98
+        assert (found.numpy() != expected).sum() <= 2
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_what_a_thing_was_equals_its_twin(seed):
+    rng = np.random.default_rng(seed)
+    vertex = random_scene.frame_arrays(seed)["vertex"]
+    T, things = exp_se3(rng.normal(0, 0.02, 6)), rng.integers(0, 2, vertex.shape[:2], dtype=np.uint8)
+    depth = (vertex[..., 2] + rng.normal(0, 0.1, things.shape)).astype(np.float32)
+    found = carried(CAMERA, wp.array(vertex, dtype=wp.vec3, device="cpu"), T, depth, things, 0.1)
+    expected = reference_carried(CAMERA, vertex.astype(np.float64), T, depth, things, 0.1)
+    assert 0.05 < expected.mean() < 0.6
+    assert (found != expected).sum() <= 2
 
 
 def test_specks_are_noise_and_a_thing_moves_as_a_whole():
@@ -140,6 +166,7 @@ def test_once_something_moves_every_remembered_frame_is_asked():
     trajectory = [TrajectoryPoint(row / 30, np.eye(4), True) for row in range(15)]
 
     def share() -> float:
+        things.last = None
         found = things.find(maps, trajectory, np.eye(4))
         return 0.0 if found is None else float(found[box].mean())
 
@@ -149,6 +176,31 @@ def test_once_something_moves_every_remembered_frame_is_asked():
     things.memory.extend((row, frame) for row in range(15))
     things.memory[13] = (13, depth)
     assert share() == 0.0, "the few see nothing move: nobody else is asked"
+
+
+@pytest.mark.parametrize("looked_there", [False, True])
+def test_what_moved_still_moves_where_the_camera_has_not_looked_before(looked_there):
+    things = MovingThings(MapConfig(), [CAMERA])
+    depth = np.full((CAMERA.height, CAMERA.width), 3.0, np.float32)
+    box = np.s_[CAMERA.height // 4 : CAMERA.height // 2, CAMERA.width // 4 : CAMERA.width // 2]
+    depth[box] = 1.5
+    moved = np.zeros(depth.shape, np.uint8)
+    moved[box] = 1
+    elsewhere = exp_se3(np.array([0, 0, 0, 0, 2.0, 0]))
+    trajectory = [TrajectoryPoint(0.0, np.eye(4) if looked_there else elsewhere, True)]
+    trajectory += [TrajectoryPoint(row / 30, np.eye(4), True) for row in (1, 2)]
+    things.memory.append((0, depth))
+    things.last = (2, depth, moved)
+    frame = depth.copy()
+    frame[box] = 1.45
+    maps = preprocess(np.full((*depth.shape, 3), 90, np.uint8), frame, [CAMERA], wp.get_device("cpu"))
+    found = things.find(maps, trajectory, np.eye(4))
+    if looked_there:
+        assert found is None and things.last is None, "the oldest frame saw it rest there"
+    else:
+        assert found is not None and found[box].all()
+        assert found.sum() <= 14 * 18, "the box of 12x16 pixels and one around it"
+        assert things.last is not None and things.last[0] == 3
 
 
 def test_a_frame_without_what_moves_has_holes_on_every_level():
@@ -192,5 +244,8 @@ def test_the_memory_can_be_saved_and_restored():
     copy.set_state(mapper.moving.state())
     assert [row for row, _ in copy.memory] == [row for row, _ in mapper.moving.memory] == [0, 4, 8, 12]
     assert all((a == b).all() for (_, a), (_, b) in zip(copy.memory, mapper.moving.memory, strict=True))
+    assert mapper.moving.last is not None and copy.last is not None
+    for a, b in zip(copy.last, mapper.moving.last, strict=True):
+        np.testing.assert_array_equal(a, b)
     copy.set_state({})
-    assert copy.state() == {}
+    assert copy.state() == {} and copy.last is None
