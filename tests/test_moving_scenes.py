@@ -17,7 +17,10 @@ pytest.importorskip("mujoco_warp")
 SECONDS = 7
 
 
-@pytest.fixture(scope="module", params=["chair", "person"])
+_RECORDINGS = [*(("chair", seed) for seed in range(2, 7)), *(("person", seed) for seed in range(1, 4))]
+
+
+@pytest.fixture(scope="module", params=_RECORDINGS, ids=lambda p: f"{p[0]}-{p[1]}")
 def recording(request) -> Iterator[tuple]:
     """Kind of mover, the take, its frames, and points all over the space that the mover sweeps."""
     from dsmap.sim_scenes.moving import set_in_motion
@@ -25,9 +28,9 @@ def recording(request) -> Iterator[tuple]:
     from dsmap.sim_scenes.record import iter_frames
     from dsmap.sim_scenes.rooms import build_scene
 
-    seed = {"chair": 2, "person": 1}[request.param]
+    kind, seed = request.param
     options = RenderOptions(
-        scene="office", seed=seed, frames=30 * SECONDS, moving=request.param, width=160, height=120, noise="kinect"
+        scene="office", seed=seed, frames=30 * SECONDS, moving=kind, width=160, height=120, noise="kinect"
     )  # fmt: skip
     scene = build_scene("office", seed)
     take = plan_take(scene, options)
@@ -35,7 +38,7 @@ def recording(request) -> Iterator[tuple]:
         Frame(i, f.time, f.rgb, f.depth, f.T_world_camera)
         for i, f in enumerate(iter_frames(scene, options, take))
     ]
-    yield request.param, take, frames, set_in_motion(scene, request.param, SECONDS, seed).swept()
+    yield kind, take, frames, set_in_motion(scene, kind, SECONDS, seed).swept()
 
 
 def final_surface(take) -> tuple[np.ndarray, np.ndarray]:
@@ -77,6 +80,6 @@ def test_the_mover_is_not_burnt_into_the_map(recording):
     print(kind, scores)
     mask, off = scores["mask"], scores["off"]
     assert mask["moving"] > 0.03, "the camera sees something move"
-    assert mask["lost"] == 0 and mask["ate"] < 0.02
+    assert mask["lost"] == 0 and mask["ate"] < 0.01
     assert mask["ate"] < 1.2 * off["ate"], "the mask does no harm to the trajectory"
-    assert mask["ghosts"] <= 0.6 * off["ghosts"] + 10
+    assert mask["ghosts"] <= 0.8 * off["ghosts"] + 10, "some stay hidden behind the mover"
