@@ -251,6 +251,8 @@ class MapConfig:
     """Farther depth is ignored [m], by tracking, fusion and labels alike. Kinect-like sensors are made for 4 m."""
     poses: Literal["track", "given"] = "track"
     """track: estimate the camera's motion; given: take the recording's poses."""
+    readout_s: float = 0.0
+    """Rolling shutter: time from an image's first row to its last [s]; 0: all rows at once, negative: from below."""
     track: TrackConfig = field(default_factory=TrackConfig)
     surfels: SurfelConfig = field(default_factory=SurfelConfig)
     labels: LabelConfig = field(default_factory=LabelConfig)

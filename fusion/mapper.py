@@ -22,6 +22,7 @@ from dsmap.fusion.moving import MovingThings, without
 from dsmap.fusion.pose_check import PoseCheck
 from dsmap.fusion.segmenter import Segmenter
 from dsmap.fusion.semantics import Schedule
+from dsmap.fusion.shutter import at_once, rolling
 from dsmap.fusion.step_result import StepResult
 from dsmap.fusion.tracker import ModelView, Tracker
 from dsmap.fusion.trajectory import TrajectoryPoint, extrapolated
@@ -108,6 +109,7 @@ class Mapper:
         if maps is None:
             with self._stage("preprocess"):
                 maps = self.prepare(frame)
+        light = maps[-1].intensity
         with self._stage("track"):
             self._locate(frame, maps, result)
         if result.tracked:
@@ -134,7 +136,7 @@ class Mapper:
                     self._predict()
                 with self._stage("loops"):
                     result.loop = self._close_loops(maps)
-            self.tracker.remember(maps[-1].intensity)
+            self.tracker.remember(light)
             self.last_fused = self.time
         self.time += 1
         for name, ms in self._clock.items():
@@ -187,6 +189,8 @@ class Mapper:
             result.reason = "" if result.tracked else "no pose is given for this frame"
             if frame.T_world_camera is not None:
                 self.T_world_camera = np.asarray(frame.T_world_camera, dtype=np.float64)
+                rows = rolling(self.config.readout_s, self.trajectory, frame.taken, np.eye(4))
+                maps[:] = at_once(self.cameras, maps, rows, self.T_world_camera)
             return
         depth = maps[0].vertex.numpy()[::4, ::4, 2]
         if np.count_nonzero(depth) < _MIN_DEPTH_PIXELS * depth.size:
@@ -211,14 +215,19 @@ class Mapper:
                 return
         T_view_world, t_min = inverse(view.T_world_camera), self.view_t_active
         expected = self.motion.expected(self.trajectory, taken, T_view_world)
+        rows = rolling(self.config.readout_s, self.trajectory, taken, T_view_world)
         starts = [(True, self.T_world_camera, expected)]
         starts += [(False, T, None) for T in extrapolated(self.trajectory)[:1]]
         for first, T_start, motion in starts:
-            T_prev_cur, result.health = self.tracker.track(maps, view, T_view_world @ T_start, first, motion)
+            T_prev_cur, result.health = self.tracker.track(
+                maps, view, T_view_world @ T_start, first, motion, rows
+            )
             T = orthonormal(view.T_world_camera @ T_prev_cur)
-            result.reason = self.check.objection(maps, T, result.health, self.trajectory, t_min, not first)
+            still = at_once(self.cameras, maps, rows, T_prev_cur)
+            result.reason = self.check.objection(still, T, result.health, self.trajectory, t_min, not first)
             if not result.reason:
                 self.T_world_camera, result.tracked = T, True
+                maps[:] = still
                 return
         if self.closer and not gap:
             self._relocalise(maps, result)

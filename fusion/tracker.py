@@ -11,6 +11,7 @@ from dsmap.fusion.config import TrackConfig
 from dsmap.fusion.lie import exp_se3, inverse, log_se3, solve, uncertainty
 from dsmap.fusion.motion import Expected
 from dsmap.fusion.prealign import RotationAligner
+from dsmap.fusion.shutter import Rolling
 from dsmap.kernels.odometry import Gates, gradient, joint_normal_equations
 from dsmap.kernels.preprocess import half_surface
 from dsmap.kernels.types import FrameMaps
@@ -127,6 +128,7 @@ class Tracker:
         T_model_start: np.ndarray | None = None,
         prealign: bool = True,
         expected: Expected | None = None,
+        rolling: Rolling | None = None,
     ) -> tuple[np.ndarray, Health]:
         """Register a frame to a model view.
 
@@ -134,6 +136,7 @@ class Tracker:
             T_model_start: where the search starts, shape (4, 4); default: the view's own place.
             prealign: turn that first as the images tell, from the last frame's to this one's.
             expected: T_model_cur as the camera's motion tells: one more measurement, and another place to start.
+            rolling: how the camera moves while the frame's rows are read; None: they are taken at once.
 
         Returns:
             T_prev_cur, shape (4, 4), which takes points of the current camera into the model view's, and
@@ -148,8 +151,9 @@ class Tracker:
         source = [(maps.vertex, maps.normal, maps.intensity) for maps in frame]
         gain = exposure_gain(source[-1], model.levels[-1]) if self.config.exposure else 1.0
         if expected is not None:
-            T_prev_cur = self._better_start(source[-1], model.levels[-1], gain, T_prev_cur, expected)
-        return self.register(source, model, T_prev_cur, gain=gain, expected=expected)
+            coarsest = self.normal_equations(len(source) - 1, source[-1], model.levels[-1], gain, rolling)
+            T_prev_cur = self._better_start(coarsest, T_prev_cur, expected)
+        return self.register(source, model, T_prev_cur, gain=gain, expected=expected, rolling=rolling)
 
     def register(
         self,
@@ -159,6 +163,7 @@ class Tracker:
         iterations: Sequence[int] | None = None,
         gain: float = 1.0,
         expected: Expected | None = None,
+        rolling: Rolling | None = None,
     ) -> tuple[np.ndarray, Health]:
         """Register one view to another, coarse to fine, down to the model's finest level.
 
@@ -167,6 +172,7 @@ class Tracker:
             T_model_source: first guess, shape (4, 4).
             iterations: a level, fine to coarse; as configured for tracking if None.
             expected: T_model_source as something else tells; it has no part in the verdict.
+            rolling: of the source, see `track`.
 
         Returns:
             T_model_source, which takes points of the source camera into the model's, and the verdict.
@@ -174,7 +180,7 @@ class Tracker:
         iterations = iterations or self.config.iterations
         icp = rgb = None
         for level in reversed(range(model.finest, len(self.cameras))):
-            equations = self.normal_equations(level, source[level], model.levels[level], gain)
+            equations = self.normal_equations(level, source[level], model.levels[level], gain, rolling)
             for _ in range(iterations[level]):
                 icp, rgb = equations(T_model_source)
                 # Eq. 3: E = E_icp + w_rgb E_rgb
@@ -193,13 +199,17 @@ class Tracker:
         return T_model_source, self._verdict(source, model.finest, icp, rgb, diverged)
 
     def normal_equations(
-        self, level: int, source: tuple, model: tuple, gain: float = 1.0
+        self, level: int, source: tuple, model: tuple, gain: float = 1.0, rolling: Rolling | None = None
     ) -> Callable[[np.ndarray], tuple]:
         """Of Eq. 1 and Eq. 2 on one pyramid level: see `joint_normal_equations`, with the configured gates."""
-        return joint_normal_equations(self.cameras[level], self._gates(level, gain), source, model)
+        camera, gates = self.cameras[level], self._gates(level, gain)
+        if rolling is None:
+            return joint_normal_equations(camera, gates, source, model)
+        equations = joint_normal_equations(camera, gates, source, model, rolling.readout_s)
+        return lambda T: equations(T, rolling.twist(T))
 
     def _better_start(
-        self, source: tuple, model: tuple, gain: float, T_rest: np.ndarray, expected: Expected
+        self, equations: Callable[[np.ndarray], tuple], T_rest: np.ndarray, expected: Expected
     ) -> np.ndarray:
         """Where the coarsest level fits best: the last pose as turned, that moved on, or what is expected.
 
@@ -208,7 +218,6 @@ class Tracker:
         T_moved = T_rest.copy()
         T_moved[:3, 3] = expected.T[:3, 3]
         starts = (T_rest, T_moved, expected.T)
-        equations = self.normal_equations(len(self.cameras) - 1, source, model, gain)
         sums = [equations(T) for T in starts]
         variance = min(self._variance(icp, rgb) for icp, rgb in sums)
         costs = []

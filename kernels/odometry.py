@@ -13,6 +13,7 @@ import warp as wp
 from dsmap.kernels.camera import Camera, pixel_of, project, ray, rotate, to_transform, transform
 from dsmap.kernels.launch import Slice, launch_rows, record_rows
 from dsmap.kernels.pixel_min import scratch
+from dsmap.kernels.shutter import Shutter, make_shutter, moved
 
 SUMS = 29
 """Sums a residual term: 21 of the upper triangle of J^T J, 6 of J^T r, r^2, number of residuals."""
@@ -80,7 +81,7 @@ def _bilinear2(image: wp.array2d(dtype=wp.vec2), u: wp.vec2, x0: int, y0: int) -
 
 @wp.kernel(enable_backward=False)
 def _joint(
-    s: Slice, camera: Camera, T: wp.mat44, gates: Gates,
+    s: Slice, camera: Camera, T: wp.mat44, shutter: Shutter, gates: Gates,
     vertex: wp.array2d(dtype=wp.vec3), normal: wp.array2d(dtype=wp.vec3), intensity: wp.array2d(dtype=float),
     model_vertex: wp.array2d(dtype=wp.vec3), model_normal: wp.array2d(dtype=wp.vec3),
     model_intensity: wp.array2d(dtype=float), model_gradient: wp.array2d(dtype=wp.vec2),
@@ -94,7 +95,7 @@ def _joint(
         v = vertex[y, x]
         if v[2] <= 0.0:
             continue
-        p = transform(T, v)
+        p = transform(T, moved(shutter, v, float(y) - shutter.middle))
         if p[2] <= 0.0:
             continue
         u = project(camera, p)
@@ -228,28 +229,32 @@ def gradient(intensity: wp.array, vertex: wp.array | None = None) -> wp.array:
 
 
 def joint_normal_equations(
-    camera: Camera, gates: Gates, frame: tuple, model: tuple
-) -> Callable[[np.ndarray], tuple[tuple, tuple]]:
+    camera: Camera, gates: Gates, frame: tuple, model: tuple, readout_s: float = 0.0
+) -> Callable[..., tuple[tuple, tuple]]:
     """Normal equations of Eq. 1 and Eq. 2 between a frame and a model view, as a function of the pose.
 
     Args:
         frame: vertex, normal and intensity map of the current frame.
         model: vertex, normal, intensity and intensity gradient predicted from the active model.
+        readout_s: time from the frame's first row to its last [s].
 
     Returns:
-        A function of T_prev_cur, shape (4, 4). It gives, for ICP and for the photometric term each: J^T J (6, 6),
-        J^T r (6,), sum of squares, count. The twist is (translation [m], rotation [rad]), applied on the left:
-        exp(xi^) T.
+        A function of T_prev_cur, shape (4, 4), and, optionally, of the camera's velocity in its own frame while the
+        rows are read (translation [m/s], rotation [rad/s]), shape (6,). It gives, for ICP and for the photometric
+        term each: J^T J (6, 6), J^T r (6,), sum of squares, count. The twist of these is (translation [m],
+        rotation [rad]), applied on the left: exp(xi^) T.
     """
     device = frame[0].device
     rows = (camera.height + gates.stride - 1) // gates.stride
     lanes = _lanes(device)
     partial = [scratch(name, (rows, lanes), _sums, device) for name in ("icp", "rgb")]
-    inputs = [camera, wp.mat44(), gates, *frame, *model]
+    inputs = [camera, wp.mat44(), make_shutter(camera, None, 0.0), gates, *frame, *model]
     launch = record_rows(_joint, rows, _COST * camera.width // gates.stride, inputs, partial, device, lanes)
 
-    def at(T_prev_cur: np.ndarray) -> tuple[tuple, tuple]:
+    def at(T_prev_cur: np.ndarray, twist: np.ndarray | None = None) -> tuple[tuple, tuple]:
         launch.change(1, to_transform(T_prev_cur))
+        if twist is not None:
+            launch.change(2, make_shutter(camera, twist, readout_s))
         launch()
         # Summed in row order, so that the result does not depend on the number of slices.
         icp, rgb = (p.numpy().reshape(-1, SUMS).sum(axis=0, dtype=np.float64) for p in partial)

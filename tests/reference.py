@@ -190,3 +190,32 @@ def normal_equations(rows: list) -> tuple[np.ndarray, np.ndarray, float, int]:
         b += w * J * r
         cost += w * r * r
     return A, b, cost, len(rows)
+
+
+def global_shutter(camera, maps: dict, twist: np.ndarray, readout: float) -> dict:
+    """Twin of `dsmap.kernels.shutter.global_shutter`: maps by name, each pixel by itself, exp(xi^ t) in full."""
+    from dsmap.fusion.lie import exp_se3
+
+    height, width = maps["vertex"].shape[:2]
+    out = {name: np.zeros_like(values) for name, values in maps.items()}
+
+    def at(row: int, sign: float) -> np.ndarray:
+        return exp_se3(sign * twist * (row - (height - 1) / 2) * readout / (height - 1))
+
+    all_rays = rays(camera)
+    for y, x in np.ndindex(height, width):
+        row, column = y, x
+        for _ in range(2):
+            T = at(row, -1)
+            q = T[:3, :3] @ (all_rays[y, x] * (maps["vertex"][row, column, 2] or 10.0)) + T[:3, 3]
+            column = int(np.clip(np.floor(camera.fx * q[0] / q[2] + camera.cx + 0.5), 0, width - 1))
+            row = int(np.clip(np.floor(camera.fy * q[1] / q[2] + camera.cy + 0.5), 0, height - 1))
+        for name in ("intensity", "radius", "colour", "edge"):
+            out[name][y, x] = maps[name][row, column]
+        T, p = at(row, 1), maps["vertex"][row, column]
+        if p[2] > 0:
+            p, n = T[:3, :3] @ p + T[:3, 3], T[:3, :3] @ maps["normal"][row, column]
+            u = camera.fx * p[0] / p[2] + camera.cx, camera.fy * p[1] / p[2] + camera.cy
+            if max(abs(u[0] - x), abs(u[1] - y)) <= 1.5:
+                out["vertex"][y, x], out["normal"][y, x], out["depth"][y, x] = p, n, p[2]
+    return out

@@ -76,7 +76,7 @@ def test_flags_come_before_the_file_and_the_file_before_defaults(tmp_path):
     ("flags", "calibrated", "expected"), [((), None, 4.0), ((), 8.0, 8.0), (("--depth-max", "2.5"), 8.0, 2.5)]
 )
 def test_depth_reaches_as_far_as_the_flag_the_calibration_or_a_kinect_says(flags, calibrated, expected):
-    sequence: Any = SimpleNamespace(depth_max=calibrated)
+    sequence: Any = SimpleNamespace(depth_max=calibrated, readout_s=0.0)
     assert map_config(parsed(*flags), sequence).depth_max == expected
 
 

@@ -59,7 +59,7 @@ def run(request: Request) -> dict:
         from dsmap.fusion.bench import time_mapper
         from dsmap.fusion.config import MapConfig
 
-        config = MapConfig(device=request.device, depth_max=request.depth_max)
+        config = MapConfig(device=request.device, depth_max=request.depth_max, readout_s=sequence.readout_s)
         timing = time_mapper(frames, sequence.intrinsics, config)
     wall_s = time.perf_counter() - start
     return summary(timing, [frame.T_world_camera for frame in frames], wall_s)

@@ -63,6 +63,8 @@ class Args:
     """Stored depth units per metre, e.g. 1000 or 5000."""
     undistort: bool = False
     """Remove lens distortion, where the calibration has one."""
+    readout_s: float | None = None
+    """Rolling shutter: time from an image's first row to its last [s]; default: the calibration's, else 0."""
     poses: Literal["track", "given"] = "track"
     """Estimate the motion, or take the recording's poses."""
     loops: Literal["on", "local", "global", "off"] | None = None

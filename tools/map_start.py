@@ -21,6 +21,8 @@ from dsmap.tools.presets import load_preset, option
 from dsmap.tools.segmenters import SegmenterSpec, make_segmenter
 
 A = TypeVar("A")
+_MAX_READOUT_S = 0.1
+"""Nobody reads an image for longer than three frames."""
 _OF_A_CALL = ("path", "out", "config", "overwrite", "resume", "localize_in", "extend", "checkpoint_every")
 """Options that say what to do, not how: a configuration file cannot set them."""
 _MAY_CHANGE = (*_OF_A_CALL[:5], "checkpoint_every", "stop", "pictures", "save_probabilities", "device")
@@ -87,9 +89,14 @@ def map_config(args: Any, sequence: Sequence) -> MapConfig:
         raise InputError(
             f"depth range is {args.depth_min}..{depth_max} m; expected 0 <= --depth-min < --depth-max"
         )
+    readout_s = sequence.readout_s if args.readout_s is None else args.readout_s
+    if not abs(readout_s) <= _MAX_READOUT_S:
+        raise InputError(
+            f"readout_s is {readout_s}; expected seconds from an image's first row to its last, e.g. 0.026"
+        )
     device = "cuda:0" if args.device == "cuda" else args.device
     return MapConfig(
-        device, args.depth_min, depth_max, args.poses, track=args.track, surfels=args.surfels, labels=labels,
+        device, args.depth_min, depth_max, args.poses, readout_s, track=args.track, surfels=args.surfels, labels=labels,
         loops=loop, ferns=args.ferns, relocalise=args.relocalise, graph=args.graph,
         moving=args.moving,
     )  # fmt: skip

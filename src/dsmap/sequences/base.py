@@ -106,6 +106,11 @@ class Sequence:
         return self.calibration.depth_max
 
     @property
+    def readout_s(self) -> float:
+        """Rolling shutter: time from an image's first row to its last [s]; 0: all rows at once."""
+        return self.calibration.readout_s
+
+    @property
     def intrinsics_source(self) -> str:
         """Where intrinsics and depth scale came from, for people."""
         return self.calibration.source

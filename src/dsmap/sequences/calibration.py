@@ -15,13 +15,14 @@ from dsmap.frame import Intrinsics
 FILE = "calibration.yaml"
 
 _TUM = {
-    "1": ((517.3, 516.5, 318.6, 255.3), (0.2624, -0.9531, -0.0054, 0.0026, 1.1633), -0.02),
-    "2": ((520.9, 521.0, 325.1, 249.7), (0.2312, -0.7849, -0.0033, -0.0001, 0.9172), 0.0),
-    "3": ((535.4, 539.2, 320.1, 247.6), None, 0.0),
+    "1": ((517.3, 516.5, 318.6, 255.3), (0.2624, -0.9531, -0.0054, 0.0026, 1.1633), -0.02, 0.026),
+    "2": ((520.9, 521.0, 325.1, 249.7), (0.2312, -0.7849, -0.0033, -0.0001, 0.9172), 0.0, 0.0),
+    "3": ((535.4, 539.2, 320.1, 247.6), None, 0.0, 0.0),
 }
-"""fx, fy, cx, cy and radtan k1 k2 p1 p2 k3 of the colour cameras, as TUM publishes them; offset of depth stamps [s].
-Depth of fr1 is stamped some 20 ms too late: paired by plain stamps colours lie 3 pixels beside their depth where the
-camera turns (docs/architecture.md). Of fr2 and fr3 nothing is known."""
+"""fx, fy, cx, cy and radtan k1 k2 p1 p2 k3 of the colour cameras, as TUM publishes them; offset of depth stamps [s];
+time from an image's first row to its last [s]. Depth of fr1 is stamped some 20 ms too late: paired by plain stamps
+colours lie 3 pixels beside their depth where the camera turns; and its rows are read one after the other
+(docs/architecture.md). Neither was measured on fr2 and fr3."""
 _SEVEN_SCENES_FOCAL = 526.4
 """Of the colour camera at 640x480 [px]. This and the rotation below were fitted on every 25th frame of one recording
 (edges of depth against edges of colour; two disjoint sets of frames agree to 0.1 % and 0.5 mrad)."""
@@ -54,6 +55,8 @@ class Calibration:
     color_camera: Intrinsics | None = None
     """Of colour images from a camera of its own: they are brought to the depth camera, whose `intrinsics` and
     poses are then the frame's. None: one camera, or depth is brought to the colour camera."""
+    readout_s: float = 0.0
+    """Rolling shutter: time from an image's first row to its last [s]; 0: all rows at once, negative: from below."""
     depth_max: float | None = None
     """Depth beyond which the sensor is not to be trusted [m]; None: not stated."""
 
@@ -104,6 +107,7 @@ def read_calibration(folder: Path) -> Calibration | None:
         depth_time_offset_s=_number(path, content, "depth_time_offset_s", default=0.0),
         T_color_depth=_transform(path, content.get("T_color_depth")),
         color_camera=_color_camera(path, content.get("color_camera"), shift),
+        readout_s=_number(path, content, "readout_s", default=0.0),
         depth_max=_number(path, content, "depth_max", positive=True) if "depth_max" in content else None,
     )
 
@@ -126,6 +130,8 @@ def write_calibration(folder: Path, calibration: Calibration) -> None:
         }
     if calibration.depth_time_offset_s:
         content["depth_time_offset_s"] = float(calibration.depth_time_offset_s)
+    if calibration.readout_s:
+        content["readout_s"] = float(calibration.readout_s)
     if calibration.T_color_depth is not None:
         content["T_color_depth"] = [[float(v) for v in row] for row in calibration.T_color_depth]
     if (other := calibration.color_camera) is not None:
@@ -153,9 +159,10 @@ def known_default(layout: str, path: Path, width: int, height: int) -> Calibrati
     match = _TUM_NAME.search(path.resolve().name)
     if match is None:
         return None
-    values, distortion, offset = _TUM[match[1]]
+    values, distortion, offset, readout = _TUM[match[1]]
     camera = Intrinsics(640, 480, *values, distortion=distortion).scaled(width, height)
-    return Calibration(camera, 5000.0, f"known default of TUM fr{match[1]}", depth_time_offset_s=offset)
+    source = f"known default of TUM fr{match[1]}"
+    return Calibration(camera, 5000.0, source, depth_time_offset_s=offset, readout_s=readout)
 
 
 def resolve(

@@ -1,0 +1,34 @@
+"""A textured corner of three planes, ray cast: what a small camera sees of it, and how far points are from it."""
+
+import numpy as np
+import reference
+
+from dsmap.frame import Intrinsics
+from dsmap.kernels.camera import make_camera
+
+INTRINSICS = Intrinsics(96, 72, 90.0, 91.0, 47.2, 35.9)
+LEVELS = [make_camera(INTRINSICS.scaled(96 >> level, 72 >> level)) for level in range(3)]
+_PLANES = [((0, 0, -1), -2.5), ((1, 0, -0.3), -1.6), ((0, -1, -0.2), -1.7)]
+
+
+def view(T_world_camera: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Colour, uint8, and depth [m], float32, from there."""
+    direction = reference.rays(LEVELS[0]) @ T_world_camera[:3, :3].T
+    origin = T_world_camera[:3, 3]
+    depth = np.full(direction.shape[:2], np.inf)
+    for normal, offset in _PLANES:
+        n = np.array(normal, dtype=np.float64)
+        with np.errstate(divide="ignore"):
+            t = (offset - origin @ n) / (direction @ n)
+        depth = np.where((t > 0) & (t < depth), t, depth)
+    depth[~np.isfinite(depth)] = 0
+    p = origin + depth[..., None] * direction
+    light = 0.5 + 0.2 * np.sin(6 * p[..., 0] + 1) * np.cos(5 * p[..., 1]) + 0.15 * np.sin(7 * p[..., 2])
+    rgb = np.repeat((255 * light.clip(0, 1))[..., None], 3, axis=2)
+    return rgb.astype(np.uint8), depth.astype(np.float32)
+
+
+def distance(points: np.ndarray) -> np.ndarray:
+    """Of world points, shape (N, 3), to the nearest plane [m]."""
+    off = [np.abs(points @ np.array(n) - d) / np.linalg.norm(n) for n, d in _PLANES]
+    return np.min(off, axis=0)
