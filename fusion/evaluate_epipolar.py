@@ -13,6 +13,7 @@ import numpy as np
 from dsmap.errors import InputError
 from dsmap.features import Features, matched_points
 from dsmap.frame import Intrinsics
+from dsmap.fusion.evaluate_rows import rows_of
 from dsmap.fusion.run_reader import evenly_spread
 from dsmap.sequences import Sequence
 from dsmap.sequences.images import read_colour
@@ -52,7 +53,9 @@ def match_frames(reference: Sequence, frames: list[int], step: int) -> Matches:
     return found
 
 
-def epipolar_error(reference: Sequence, matches: Matches, poses: dict[int, np.ndarray]) -> float | None:
+def epipolar_error(
+    reference: Sequence, matches: Matches, poses: dict[int, np.ndarray], readout_s: float = 0.0
+) -> float | None:
     """Median distance of matched features from their epipolar lines [px of the colour images], or None.
 
     The first-order distance of Sampson, median of a pair, then of the pairs.
@@ -61,18 +64,29 @@ def epipolar_error(reference: Sequence, matches: Matches, poses: dict[int, np.nd
         matches: of `match_frames`.
         poses: T_world_camera by frame of the reference. They are taken for those of the colour images, as tracking
             takes them; a sensor whose colour is exposed at another time gives true poses an error.
+        readout_s: time from an image's first row to its last [s].
     """
     camera, T_color_frame = reference.calibration.stored_colour, reference.calibration.T_color_frame
     medians = []
     for (a, b), pixels in matches.items():
-        T_b_a = T_color_frame @ np.linalg.inv(poses[b]) @ poses[a] @ np.linalg.inv(T_color_frame)
-        if np.linalg.norm(T_b_a[:3, 3]) > _MIN_BASELINE_M:
+        T_b_a = np.linalg.inv(poses[b]) @ poses[a]
+        rows_a, rows_b = (rows_of(reference, poses, j, readout_s, camera.height) for j in (a, b))
+        if rows_a is not None:
+            T_b_a = T_b_a @ rows_a.T_middle_row(pixels[0][:, 1])
+        if rows_b is not None:
+            T_b_a = rows_b.T_row_middle(pixels[1][:, 1]) @ T_b_a
+        T_b_a = T_color_frame @ T_b_a @ np.linalg.inv(T_color_frame)
+        if np.median(np.linalg.norm(T_b_a[..., :3, 3], axis=-1)) > _MIN_BASELINE_M:
             medians.append(np.median(sampson_distance(*pixels, T_b_a, camera)))
     return float(np.median(medians)) if medians else None
 
 
 def epipolar_table(
-    reference: Sequence, poses: dict[int, np.ndarray], given: dict[int, np.ndarray], steps: tuple[int, ...]
+    reference: Sequence,
+    poses: dict[int, np.ndarray],
+    given: dict[int, np.ndarray],
+    steps: tuple[int, ...],
+    readout_s: float = 0.0,
 ) -> dict[str, Any]:
     """`epipolar_px` and `epipolar_given_px`: the error by step of estimated and of given poses."""
     tables: dict[str, dict[str, float | None]] = {"epipolar_px": {}, "epipolar_given_px": {}}
@@ -80,19 +94,23 @@ def epipolar_table(
         matches = match_frames(reference, sorted(poses), step)
         for name, trajectory in zip(tables, (poses, given), strict=True):
             known = {pair: pixels for pair, pixels in matches.items() if set(pair) <= trajectory.keys()}
-            tables[name][str(step)] = epipolar_error(reference, known, trajectory)
+            tables[name][str(step)] = epipolar_error(reference, known, trajectory, readout_s)
     return tables
 
 
 def sampson_distance(
     pixels_a: np.ndarray, pixels_b: np.ndarray, T_b_a: np.ndarray, camera: Intrinsics
 ) -> np.ndarray:
-    """First-order distance [px] of pairs of pixels, (N, 2) each, from the epipolar geometry of T_b_a; shape (N,)."""
-    x, y, z = T_b_a[:3, 3]
-    inverse_K = np.linalg.inv(camera.K)
-    F = inverse_K.T @ np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]]) @ T_b_a[:3, :3] @ inverse_K
+    """First-order distance [px] of pairs of pixels, (N, 2) each, from the epipolar geometry of T_b_a; shape (N,).
+
+    T_b_a: shape (4, 4), or (N, 4, 4), each pair its own.
+    """
+    x, y, z = np.moveaxis(T_b_a[..., :3, 3], -1, 0)
+    zero, inverse_K = np.zeros_like(x), np.linalg.inv(camera.K)
+    t_hat = np.moveaxis(np.array([[zero, -z, y], [z, zero, -x], [-y, x, zero]]), (0, 1), (-2, -1))
+    F = inverse_K.T @ t_hat @ T_b_a[..., :3, :3] @ inverse_K
     a, b = (np.column_stack([p, np.ones(len(p))]) for p in (pixels_a, pixels_b))
-    lines_b, lines_a = a @ F.T, b @ F
+    lines_b, lines_a = (F @ a[..., None])[..., 0], (np.swapaxes(F, -1, -2) @ b[..., None])[..., 0]
     slope = (lines_b[:, :2] ** 2).sum(axis=1) + (lines_a[:, :2] ** 2).sum(axis=1)
     return np.abs((b * lines_b).sum(axis=1)) / np.sqrt(np.maximum(slope, 1e-30))
 

@@ -7,6 +7,7 @@ import numpy as np
 from dsmap.errors import InputError
 from dsmap.frame import Intrinsics
 from dsmap.fusion.evaluate_epipolar import epipolar_table
+from dsmap.fusion.evaluate_rows import Rows, rows_of
 from dsmap.fusion.evaluate_sfm import sfm_table
 from dsmap.fusion.run_reader import Run, evenly_spread
 from dsmap.metrics import align_se3, ate_rmse, relative_pose_error
@@ -62,22 +63,27 @@ def evaluate_trajectory(
     # Depth of a smaller image is that of the nearest pixel, half a pixel off: a millimetre on slanted surfaces.
     own = reference.calibration.intrinsics
     reference = reference.resized((own.width, own.height))
-    tree["depth_consistency_m"] = consistency_table(reference, poses, run.config.depth_max)
+    readout_s = run.config.readout_s or reference.readout_s
+    tree["depth_consistency_m"] = consistency_table(reference, poses, run.config.depth_max, readout_s)
     true_poses: dict[int, np.ndarray] = {}
     if posed:
         true_poses = {j: T for j in poses if (T := reference.T_world_camera(j)) is not None}
-        tree["depth_consistency_given_m"] = consistency_table(reference, true_poses, run.config.depth_max)
-    tree |= epipolar_table(reference, poses, true_poses, CONSISTENCY_STEPS)
+        given_m = consistency_table(reference, true_poses, run.config.depth_max, readout_s)
+        tree["depth_consistency_given_m"] = given_m
+    tree |= epipolar_table(reference, poses, true_poses, CONSISTENCY_STEPS, readout_s)
     if sfm:
         tree["sfm"] = sfm_table(reference, poses, true_poses)
     return tree, alignment
 
 
-def consistency_table(reference: Sequence, poses: dict[int, np.ndarray], max_depth: float) -> dict[str, Any]:
+def consistency_table(
+    reference: Sequence, poses: dict[int, np.ndarray], max_depth: float, readout_s: float = 0.0
+) -> dict[str, Any]:
     """Depth consistency [m] for every step of CONSISTENCY_STEPS; None, with a reason, where nothing overlaps.
 
     Args:
         poses: T_world_camera by frame of the reference.
+        readout_s: time from an image's first row to its last [s].
     """
     table: dict[str, Any] = {}
     frames = sorted(poses)
@@ -91,7 +97,8 @@ def consistency_table(reference: Sequence, poses: dict[int, np.ndarray], max_dep
             except InputError:
                 continue  # a damaged frame says nothing about the motion
             T_b_a = np.linalg.inv(poses[b]) @ poses[a]
-            distance = point_to_plane(depth_a, depth_b, T_b_a, reference.intrinsics)
+            rows = [rows_of(reference, poses, j, readout_s, len(depth_a)) for j in (a, b)]
+            distance = point_to_plane(depth_a, depth_b, T_b_a, reference.intrinsics, *rows)
             if distance is not None:
                 medians.append(distance)
         table[str(step)] = float(np.median(medians)) if medians else None
@@ -101,7 +108,12 @@ def consistency_table(reference: Sequence, poses: dict[int, np.ndarray], max_dep
 
 
 def point_to_plane(
-    depth_a: np.ndarray, depth_b: np.ndarray, T_b_a: np.ndarray, camera: Intrinsics
+    depth_a: np.ndarray,
+    depth_b: np.ndarray,
+    T_b_a: np.ndarray,
+    camera: Intrinsics,
+    rows_a: Rows | None = None,
+    rows_b: Rows | None = None,
 ) -> float | None:
     """Median distance [m] of the points of one depth image to the surface planes of another.
 
@@ -110,24 +122,47 @@ def point_to_plane(
     Args:
         depth_a, depth_b: planar depth [m], shape (H, W), 0 invalid.
         T_b_a: takes points of camera a into camera b, shape (4, 4).
+        rows_a, rows_b: how the cameras moved while the rows were read; None: they were read at once.
 
     Returns:
         None if less than a tenth of the points have a partner.
     """
-    points = back_project(depth_a, camera)[depth_a > 0] @ T_b_a[:3, :3].T + T_b_a[:3, 3]
+    points = back_project(depth_a, camera)[depth_a > 0]
+    if rows_a is not None:
+        points = _transformed(rows_a.T_middle_row(np.nonzero(depth_a > 0)[0]), points)
+    points = points @ T_b_a[:3, :3].T + T_b_a[:3, 3]
     total = len(points)
     points = points[points[:, 2] > 0]
-    x = np.floor(camera.fx * points[:, 0] / points[:, 2] + camera.cx + 0.5).astype(np.int64)
-    y = np.floor(camera.fy * points[:, 1] / points[:, 2] + camera.cy + 0.5).astype(np.int64)
+    x, y = _pixels(points, camera)
+    if (
+        rows_b is not None
+    ):  # which row read the point depends on when it was read: the second guess is good enough
+        for _ in range(2):
+            x, y = _pixels(_transformed(rows_b.T_row_middle(y), points), camera)
     inside = (x >= 0) & (x < camera.width) & (y >= 0) & (y < camera.height)
     x, y, points = x[inside], y[inside], points[inside]
     vertex, normal = _surface(depth_b, camera)
     v, n = vertex[y, x], normal[y, x]
+    if rows_b is not None:
+        T = rows_b.T_middle_row(y)
+        known = v[:, 2] > 0
+        v = np.where(known[:, None], _transformed(T, v), v)
+        n = np.einsum("nij,nj->ni", T[:, :3, :3], n)
     offset = points - v
     paired = (v[:, 2] > 0) & (n != 0).any(axis=1) & ((offset**2).sum(axis=1) < _MAX_POINT_DISTANCE**2)
     if total == 0 or paired.sum() < _MIN_OVERLAP * total:
         return None
     return float(np.median(np.abs((offset[paired] * n[paired]).sum(axis=1))))
+
+
+def _transformed(T: np.ndarray, points: np.ndarray) -> np.ndarray:
+    return np.einsum("nij,nj->ni", T[:, :3, :3], points) + T[:, :3, 3]
+
+
+def _pixels(points: np.ndarray, camera: Intrinsics) -> tuple[np.ndarray, np.ndarray]:
+    x = np.floor(camera.fx * points[:, 0] / points[:, 2] + camera.cx + 0.5)
+    y = np.floor(camera.fy * points[:, 1] / points[:, 2] + camera.cy + 0.5)
+    return x.astype(np.int64), y.astype(np.int64)
 
 
 def back_project(depth: np.ndarray, camera: Intrinsics) -> np.ndarray:

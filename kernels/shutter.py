@@ -16,6 +16,8 @@ from dsmap.kernels.types import FrameMaps
 
 _UNKNOWN = 10.0
 """Depth [m] that is assumed where there is none: far, so that only the camera's turning moves it."""
+SHARED = wp.constant(4)
+"""So many pixels in a row look for their measurements at the same distance."""
 _MAX_MISS = 1.5
 """A measurement that falls further than this from the pixel [px] does not belong to it: a silhouette."""
 
@@ -52,25 +54,37 @@ def moved(shutter: Shutter, p: wp.vec3, rows: float) -> wp.vec3:
 
 @wp.kernel(enable_backward=False)
 def _global_shutter(
-    s: Slice, camera: Camera, shutter: Shutter,
+    s: Slice, camera: Camera, shutter: Shutter, finest: int,
     vertex: wp.array2d(dtype=wp.vec3), normal: wp.array2d(dtype=wp.vec3), intensity: wp.array2d(dtype=float),
+    radius: wp.array2d(dtype=float), colour: wp.array2d(dtype=wp.vec3), edge: wp.array2d(dtype=wp.uint8),
     vertex_out: wp.array2d(dtype=wp.vec3), normal_out: wp.array2d(dtype=wp.vec3),
-    intensity_out: wp.array2d(dtype=float), source: wp.array2d(dtype=wp.vec2i),
+    intensity_out: wp.array2d(dtype=float), depth_out: wp.array2d(dtype=float),
+    radius_out: wp.array2d(dtype=float), colour_out: wp.array2d(dtype=wp.vec3),
+    edge_out: wp.array2d(dtype=wp.uint8),
 ):  # fmt: skip
     row, lane = wp.tid()
     y = s.first + s.stride * row
+    dx = int(0)
+    dy = int(0)
     for x in range(lane, camera.width, s.step):
-        px = x
-        py = y
-        # Which pixel measured what lies here? Its row tells the time, its depth the place; twice is enough.
-        for _ in range(2):
-            d = vertex[py, px][2]
-            if d <= 0.0:
-                d = _UNKNOWN
-            q = moved(shutter, d * ray(camera, float(x), float(y)), shutter.middle - float(py))
-            u = project(camera, q)
-            px = wp.clamp(pixel_of(u[0]), 0, camera.width - 1)
-            py = wp.clamp(pixel_of(u[1]), 0, camera.height - 1)
+        if x % SHARED == 0 or s.step > 1:
+            # Which pixel measured what lies here? Its row tells the time, its depth the place; twice is enough.
+            # Neighbours share the answer, which costs more than all the rest.
+            middle = wp.min(x - x % SHARED + SHARED / 2, camera.width - 1)
+            direction = ray(camera, float(middle), float(y))
+            px = middle
+            py = y
+            for _ in range(2):
+                d = vertex[py, px][2]
+                if d <= 0.0:
+                    d = _UNKNOWN
+                u = project(camera, moved(shutter, d * direction, shutter.middle - float(py)))
+                px = wp.clamp(pixel_of(u[0]), 0, camera.width - 1)
+                py = wp.clamp(pixel_of(u[1]), 0, camera.height - 1)
+            dx = px - middle
+            dy = py - y
+        px = wp.clamp(x + dx, 0, camera.width - 1)
+        py = wp.clamp(y + dy, 0, camera.height - 1)
         p = vertex[py, px]
         n = normal[py, px]
         if p[2] > 0.0:
@@ -78,31 +92,20 @@ def _global_shutter(
             n = moved(shutter, p + n, rows)
             p = moved(shutter, p, rows)
             n = n - p
-            u = project(camera, p)
-            if wp.max(wp.abs(u[0] - float(x)), wp.abs(u[1] - float(y))) > _MAX_MISS:
+            # How far from here it falls, times its depth.
+            miss_x = camera.fx * p[0] + (camera.cx - float(x)) * p[2]
+            miss_y = camera.fy * p[1] + (camera.cy - float(y)) * p[2]
+            if wp.max(wp.abs(miss_x), wp.abs(miss_y)) > _MAX_MISS * p[2]:
                 p = wp.vec3(0.0, 0.0, 0.0)
                 n = wp.vec3(0.0, 0.0, 0.0)
         vertex_out[y, x] = p
         normal_out[y, x] = n
         intensity_out[y, x] = intensity[py, px]
-        source[y, x] = wp.vec2i(px, py)
-
-
-@wp.kernel(enable_backward=False)
-def _taken_over(
-    s: Slice, width: int, source: wp.array2d(dtype=wp.vec2i), vertex: wp.array2d(dtype=wp.vec3),
-    radius: wp.array2d(dtype=float), colour: wp.array2d(dtype=wp.vec3), edge: wp.array2d(dtype=wp.uint8),
-    depth_out: wp.array2d(dtype=float), radius_out: wp.array2d(dtype=float),
-    colour_out: wp.array2d(dtype=wp.vec3), edge_out: wp.array2d(dtype=wp.uint8),
-):  # fmt: skip
-    row, lane = wp.tid()
-    y = s.first + s.stride * row
-    for x in range(lane, width, s.step):
-        at = source[y, x]
-        depth_out[y, x] = vertex[y, x][2]
-        radius_out[y, x] = radius[at[1], at[0]]
-        colour_out[y, x] = colour[at[1], at[0]]
-        edge_out[y, x] = edge[at[1], at[0]]
+        if finest != 0:
+            depth_out[y, x] = p[2]
+            radius_out[y, x] = radius[py, px]
+            colour_out[y, x] = colour[py, px]
+            edge_out[y, x] = edge[py, px]
 
 
 def global_shutter(camera: Camera, maps: FrameMaps, twist: np.ndarray, readout_s: float) -> FrameMaps:
@@ -119,14 +122,26 @@ def global_shutter(camera: Camera, maps: FrameMaps, twist: np.ndarray, readout_s
         was measured, or something else, there are holes; intensities and colours have none.
     """
     device, shape = maps.vertex.device, maps.vertex.shape
-    out = [wp.empty(shape, dtype=dtype, device=device) for dtype in (wp.vec3, wp.vec3, float, wp.vec2i)]
-    inputs = [camera, make_shutter(camera, twist, readout_s), maps.vertex, maps.normal, maps.intensity]
-    launch_rows(_global_shutter, camera.height, 2 * camera.width, inputs, out, device)
-    vertex, normal, intensity, source = out
-    new = replace(maps, vertex=vertex, normal=normal, intensity=intensity)
-    if maps.colour is None:
-        return new
-    out = [wp.empty(shape, dtype=dtype, device=device) for dtype in (float, float, wp.vec3, wp.uint8)]
-    inputs = [camera.width, source, vertex, maps.radius, maps.colour, maps.edge]
-    launch_rows(_taken_over, camera.height, camera.width, inputs, out, device)
-    return replace(new, depth=out[0], radius=out[1], colour=out[2], edge=out[3])
+    finest = maps.colour is not None
+    of_finest = (
+        [maps.radius, maps.colour, maps.edge] if finest else _nothing(device, (float, wp.vec3, wp.uint8))
+    )
+    inputs = [
+        camera,
+        make_shutter(camera, twist, readout_s),
+        int(finest),
+        maps.vertex,
+        maps.normal,
+        maps.intensity,
+    ]
+    out = [wp.empty(shape, dtype=dtype, device=device) for dtype in (wp.vec3, wp.vec3, float)]
+    dtypes = (float, float, wp.vec3, wp.uint8)
+    more = [wp.empty(shape, dtype=t, device=device) for t in dtypes] if finest else _nothing(device, dtypes)
+    inputs, outputs = [*inputs, *of_finest], [*out, *more]
+    launch_rows(_global_shutter, camera.height, camera.width, inputs, outputs, device)
+    new = replace(maps, vertex=out[0], normal=out[1], intensity=out[2])
+    return replace(new, depth=more[0], radius=more[1], colour=more[2], edge=more[3]) if finest else new
+
+
+def _nothing(device: wp.Device, dtypes: tuple) -> list[wp.array]:
+    return [wp.empty((1, 1), dtype=dtype, device=device) for dtype in dtypes]

@@ -14,15 +14,18 @@ from dsmap.frame import Intrinsics
 
 FILE = "calibration.yaml"
 
+_KINECT_READOUT_S = 0.026
+"""From the first row of a Kinect's image to its last. On fr1/xyz 20 and 26 ms fit best, and a 7-Scenes recording
+agrees (docs/architecture.md)."""
 _TUM = {
-    "1": ((517.3, 516.5, 318.6, 255.3), (0.2624, -0.9531, -0.0054, 0.0026, 1.1633), -0.02, 0.026),
-    "2": ((520.9, 521.0, 325.1, 249.7), (0.2312, -0.7849, -0.0033, -0.0001, 0.9172), 0.0, 0.0),
+    "1": ((517.3, 516.5, 318.6, 255.3), (0.2624, -0.9531, -0.0054, 0.0026, 1.1633), -0.02, _KINECT_READOUT_S),
+    "2": ((520.9, 521.0, 325.1, 249.7), (0.2312, -0.7849, -0.0033, -0.0001, 0.9172), 0.0, _KINECT_READOUT_S),
     "3": ((535.4, 539.2, 320.1, 247.6), None, 0.0, 0.0),
 }
 """fx, fy, cx, cy and radtan k1 k2 p1 p2 k3 of the colour cameras, as TUM publishes them; offset of depth stamps [s];
 time from an image's first row to its last [s]. Depth of fr1 is stamped some 20 ms too late: paired by plain stamps
-colours lie 3 pixels beside their depth where the camera turns; and its rows are read one after the other
-(docs/architecture.md). Neither was measured on fr2 and fr3."""
+colours lie 3 pixels beside their depth where the camera turns (docs/architecture.md). Of fr2 and fr3 nothing is
+known; fr2 is a Kinect, too, fr3 a Xtion."""
 _SEVEN_SCENES_FOCAL = 526.4
 """Of the colour camera at 640x480 [px]. This and the rotation below were fitted on every 25th frame of one recording
 (edges of depth against edges of colour; two disjoint sets of frames agree to 0.1 % and 0.5 mrad)."""
@@ -152,7 +155,10 @@ def known_default(layout: str, path: Path, width: int, height: int) -> Calibrati
         camera = Intrinsics(width, height, 585.0 * s, 585.0 * s, 320.0 * s, 320.0 * s * height / width)
         color = replace(camera, fx=_SEVEN_SCENES_FOCAL * s, fy=_SEVEN_SCENES_FOCAL * s)
         T = _SEVEN_SCENES_T_COLOR_DEPTH
-        return Calibration(camera, 1000.0, "known default of 7-Scenes", T_color_depth=T, color_camera=color)
+        return Calibration(
+            camera, 1000.0, "known default of 7-Scenes", T_color_depth=T, color_camera=color,
+            readout_s=_KINECT_READOUT_S,
+        )  # fmt: skip
     if layout == "redwood":
         camera = Intrinsics(640, 480, 525.0, 525.0, 319.5, 239.5).scaled(width, height)
         return Calibration(camera, 1000.0, "known default of Redwood")
