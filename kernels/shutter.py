@@ -12,11 +12,12 @@ import warp as wp
 
 from dsmap.kernels.camera import Camera, pixel_of, project, ray
 from dsmap.kernels.launch import Slice, launch_rows
+from dsmap.kernels.pixel_min import scratch
 from dsmap.kernels.types import FrameMaps
 
 _UNKNOWN = 10.0
 """Depth [m] that is assumed where there is none: far, so that only the camera's turning moves it."""
-SHARED = wp.constant(4)
+SHARED = wp.constant(8)
 """So many pixels in a row look for their measurements at the same distance."""
 _MAX_MISS = 1.5
 """A measurement that falls further than this from the pixel [px] does not belong to it: a silhouette."""
@@ -89,9 +90,8 @@ def _global_shutter(
         n = normal[py, px]
         if p[2] > 0.0:
             rows = float(py) - shutter.middle
-            n = moved(shutter, p + n, rows)
             p = moved(shutter, p, rows)
-            n = n - p
+            n += rows * shutter.per_row * wp.cross(shutter.turning, n)  # to first order: a tenth of a degree
             # How far from here it falls, times its depth.
             miss_x = camera.fx * p[0] + (camera.cx - float(x)) * p[2]
             miss_y = camera.fy * p[1] + (camera.cy - float(y)) * p[2]
@@ -134,9 +134,12 @@ def global_shutter(camera: Camera, maps: FrameMaps, twist: np.ndarray, readout_s
         maps.normal,
         maps.intensity,
     ]
-    out = [wp.empty(shape, dtype=dtype, device=device) for dtype in (wp.vec3, wp.vec3, float)]
+    # The same memory in every frame: pages that were never written cost a third of the time.
+    out = [scratch(f"shutter {k}", shape, dtype, device) for k, dtype in enumerate((wp.vec3, wp.vec3, float))]
     dtypes = (float, float, wp.vec3, wp.uint8)
-    more = [wp.empty(shape, dtype=t, device=device) for t in dtypes] if finest else _nothing(device, dtypes)
+    more = _nothing(device, dtypes)
+    if finest:
+        more = [scratch(f"shutter finest {k}", shape, dtype, device) for k, dtype in enumerate(dtypes)]
     inputs, outputs = [*inputs, *of_finest], [*out, *more]
     launch_rows(_global_shutter, camera.height, camera.width, inputs, outputs, device)
     new = replace(maps, vertex=out[0], normal=out[1], intensity=out[2])

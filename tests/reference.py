@@ -204,7 +204,7 @@ def global_shutter(camera, maps: dict, twist: np.ndarray, readout: float) -> dic
 
     all_rays = rays(camera)
     for y, x in np.ndindex(height, width):
-        middle = min(x - x % 4 + 2, width - 1)  # neighbours share the answer of one of them
+        middle = min(x - x % 8 + 4, width - 1)  # neighbours share the answer of one of them
         row, column = y, middle
         for _ in range(2):
             T = at(row, -1)
