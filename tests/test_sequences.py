@@ -9,6 +9,7 @@ import yaml
 from conftest import shared_data
 from sequence_files import CAMERA, RATE, colour, depth, pose, write_redwood, write_seven_scenes, write_tum
 
+from dsmap.errors import InputError
 from dsmap.frame import Intrinsics
 from dsmap.sequences import SequenceWriter, open_sequence
 from dsmap.sequences.associate import associate, gaps, poses_at
@@ -272,12 +273,32 @@ def test_a_mesh_is_read_back(tmp_path):
     np.testing.assert_array_equal(read.label, mesh.label)
 
 
+def test_readout_of_a_rolling_shutter_is_kept_and_checked(tmp_path):
+    from dsmap.sequences.calibration import Calibration, read_calibration, write_calibration
+
+    write_calibration(tmp_path, Calibration(CAMERA, 1000.0, "", readout_s=-0.01))
+    found = read_calibration(tmp_path)
+    assert found is not None and found.readout_s == -0.01
+    text = (tmp_path / "calibration.yaml").read_text()
+    (tmp_path / "calibration.yaml").write_text(text.replace("-0.01", "fast"))
+    with pytest.raises(InputError, match="found 'fast' for readout_s"):
+        read_calibration(tmp_path)
+    for layout, name, expected in (
+        ("tum", "fr1_desk", 0.026),
+        ("tum", "fr3_office", 0.0),
+        ("7-scenes", "x", 0.026),
+    ):
+        known = known_default(layout, tmp_path / name, 640, 480)
+        assert known is not None and known.readout_s == expected
+
+
 def test_real_tum_recording_has_300_pairs():
     sequence = open_sequence(shared_data("tum_fr1_xyz_10s"))
     assert (len(sequence), sequence.recording.num_rgb, sequence.recording.num_depth) == (300, 300, 301)
     assert sequence.intrinsics.fx == 517.3 and sequence.intrinsics_source == "known default of TUM fr1"
     frame = sequence.frame(0)
     assert abs(frame.taken - frame.time) < 0.005, "depth of fr1 is stamped 20 ms late"
+    assert sequence.readout_s == 0.026, "a Kinect's rolling shutter"
     assert frame.rgb.shape == (480, 640, 3) and 0.5 < np.median(frame.depth[frame.depth > 0]) < 2
 
 

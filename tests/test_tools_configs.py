@@ -76,8 +76,16 @@ def test_flags_come_before_the_file_and_the_file_before_defaults(tmp_path):
     ("flags", "calibrated", "expected"), [((), None, 4.0), ((), 8.0, 8.0), (("--depth-max", "2.5"), 8.0, 2.5)]
 )
 def test_depth_reaches_as_far_as_the_flag_the_calibration_or_a_kinect_says(flags, calibrated, expected):
-    sequence: Any = SimpleNamespace(depth_max=calibrated, readout_s=0.0)
+    sequence: Any = SimpleNamespace(depth_max=calibrated, readout_s=0.01)
     assert map_config(parsed(*flags), sequence).depth_max == expected
+
+
+def test_rows_are_read_as_fast_as_the_flag_or_the_calibration_says():
+    sequence: Any = SimpleNamespace(depth_max=None, readout_s=0.026)
+    assert map_config(parsed(), sequence).readout_s == 0.026
+    assert map_config(parsed("--readout-s", "0"), sequence).readout_s == 0.0
+    with pytest.raises(InputError, match="readout_s is 26.0; expected seconds"):
+        map_config(parsed("--readout-s", "26"), sequence)
 
 
 @pytest.mark.parametrize(
