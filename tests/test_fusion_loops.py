@@ -189,9 +189,9 @@ def test_a_search_that_leads_astray_begins_once_more_where_constant_motion_leads
         assert m.step(frame(step, step)).tracked
     track, starts = m.tracker.track, []
 
-    def astray(maps, view, start, prealign, expected):
+    def astray(maps, view, start, prealign, expected, rolling):
         starts.append((prealign, expected is not None))
-        T, health = track(maps, view, start, prealign, expected)
+        T, health = track(maps, view, start, prealign, expected, rolling)
         return T, health if not prealign else replace(health, tracked=False, reason="astray")
 
     m.tracker.track = astray
