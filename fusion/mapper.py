@@ -22,7 +22,7 @@ from dsmap.fusion.moving import MovingThings, without
 from dsmap.fusion.pose_check import PoseCheck
 from dsmap.fusion.segmenter import Segmenter
 from dsmap.fusion.semantics import Schedule
-from dsmap.fusion.shutter import at_once, rolling
+from dsmap.fusion.shutter import at_once, put_right, rolling
 from dsmap.fusion.step_result import StepResult
 from dsmap.fusion.tracker import ModelView, Tracker
 from dsmap.fusion.trajectory import TrajectoryPoint, extrapolated
@@ -97,7 +97,9 @@ class Mapper:
         Raises:
             InputError: the frame has not the camera's size.
         """
-        return preprocess(frame.rgb, self._checked_depth(frame), self.cameras, self.device)
+        frame.check_size(self.intrinsics)
+        depth = clean_depth(frame.depth, self.config.depth_min, self.config.depth_max)
+        return preprocess(frame.rgb, depth, self.cameras, self.device)
 
     def step(self, frame: Frame, maps: list[FrameMaps] | None = None, waited_ms: float = 0.0) -> StepResult:
         """Process one frame: preprocess, track, mask, associate, fuse, clean up, segment, label, predict, loops.
@@ -126,7 +128,7 @@ class Mapper:
             with self._stage("clean up"):
                 self.integrator.clean_up(self.T_world_camera, maps[0], self.time, self._t_active)
             with self._stage("segment"):
-                probabilities = self._segment(frame)
+                probabilities = self._segment(frame, maps[0])
             with self._stage("label"):
                 result.segmented = self.integrator.label(
                     self.T_world_camera, maps[0], probabilities, self._t_active
@@ -173,14 +175,6 @@ class Mapper:
     @property
     def tracked_frames(self) -> int:
         return sum(point.tracked for point in self.trajectory)
-
-    def _checked_depth(self, frame: Frame) -> np.ndarray:
-        width, height = self.intrinsics.width, self.intrinsics.height
-        for name, image in (("depth", frame.depth), ("colour", frame.rgb)):
-            if image.shape[:2] != (height, width):
-                found = f"{image.shape[1]}x{image.shape[0]}; expected {width}x{height}, the camera's size"
-                raise InputError(f"frame {frame.index}: {name} is {found}")
-        return clean_depth(frame.depth, self.config.depth_min, self.config.depth_max)
 
     def _locate(self, frame: Frame, maps: list[FrameMaps], result: StepResult) -> None:
         """Find the camera's pose: given, tracked, or, when tracking has lost it, by keyframes."""
@@ -263,10 +257,10 @@ class Mapper:
             return 0
         return max(self.last_fused + 1 - self.config.surfels.active_window, 0)
 
-    def _segment(self, frame: Frame) -> np.ndarray | None:
+    def _segment(self, frame: Frame, maps: FrameMaps) -> np.ndarray | None:
         if self.segmenter is None or not self.schedule.due(self.T_world_camera):
             return None
-        return self.segmenter(frame)
+        return self.segmenter(put_right(frame, maps) if self.config.readout_s else frame)
 
     def _view_is_old(self, result: StepResult) -> bool:
         """Whether the view is to be predicted anew: in its turn, where the camera has left it, and for loops."""

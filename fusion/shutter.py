@@ -6,11 +6,13 @@ the first. The motion that is being estimated tells where each row was taken fro
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
+import cv2
 import numpy as np
 
+from dsmap.frame import Frame
 from dsmap.fusion.lie import inverse, log_se3
 from dsmap.fusion.trajectory import TrajectoryPoint
 from dsmap.kernels.shutter import global_shutter
@@ -69,3 +71,9 @@ def at_once(
         return maps
     levels = zip(cameras, maps, strict=True)
     return [global_shutter(camera, level, twist, frame.readout_s) for camera, level in levels]
+
+
+def put_right(frame: Frame, maps: FrameMaps) -> Frame:
+    """The frame with the images of its finest maps, for a network: classes belong to the pixels that are fused."""
+    rgb = cv2.convertScaleAbs(maps.colour.numpy(), alpha=255.0)
+    return replace(frame, rgb=rgb, depth=maps.depth.numpy())

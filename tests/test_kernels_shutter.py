@@ -10,7 +10,7 @@ from dsmap.frame import Frame
 from dsmap.fusion.config import MapConfig, TrackConfig
 from dsmap.fusion.lie import exp_se3, inverse, rotation_angle
 from dsmap.fusion.mapper import Mapper
-from dsmap.fusion.shutter import Rolling, at_once, rolling
+from dsmap.fusion.shutter import Rolling, at_once, put_right, rolling
 from dsmap.fusion.tracker import ModelView, Tracker
 from dsmap.fusion.trajectory import TrajectoryPoint
 from dsmap.kernels.preprocess import preprocess
@@ -80,6 +80,17 @@ def test_tracking_finds_the_pose_of_the_middle_row():
         assert health.tracked
         off[name] = np.linalg.norm(error[:3, 3]) + rotation_angle(error)  # a radian counts as a metre
     assert off["with"] < 1.5e-3 and off["with"] < 0.3 * off["without"], off
+
+
+def test_the_network_sees_the_frame_put_right():
+    rgb, depth = rolled(np.eye(4))
+    maps = preprocess(rgb, depth, LEVELS, CPU)
+    frame = Frame(0, 0.0, rgb, depth)
+    np.testing.assert_array_equal(put_right(frame, maps[0]).rgb, rgb)
+    right = put_right(frame, global_shutter(LEVELS[0], maps[0], TWIST, READOUT))
+    truth = wall_corner.view(np.eye(4))[0].astype(float)
+    assert np.abs(right.rgb - truth).mean() < 0.5 * np.abs(rgb - truth).mean()
+    assert right.depth.dtype == np.float32 and right.rgb.dtype == np.uint8
 
 
 def test_what_tells_nothing_about_the_motion_is_left_alone():

@@ -10,6 +10,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dsmap.errors import InputError
+
 
 @dataclass(frozen=True)
 class Intrinsics:
@@ -75,3 +77,10 @@ class Frame:
     def taken(self) -> float:
         """When the camera was at the frame's pose [s]."""
         return self.time if self.depth_time is None else self.depth_time
+
+    def check_size(self, camera: Intrinsics) -> None:
+        """Raises InputError unless both images have the camera's size."""
+        for name, image in (("depth", self.depth), ("colour", self.rgb)):
+            if image.shape[:2] != (camera.height, camera.width):
+                found = f"{image.shape[1]}x{image.shape[0]}; expected {camera.width}x{camera.height}"
+                raise InputError(f"frame {self.index}: {name} is {found}, the camera's size")
