@@ -37,6 +37,8 @@ class Rolling:
 
     def twist(self, T: np.ndarray) -> np.ndarray:
         """Velocity of a camera that came to T, in its own frame (translation [m/s], rotation [rad/s]), shape (6,)."""
+        if not np.isfinite(T).all():  # a search that went astray
+            return np.zeros(6)
         return log_se3(inverse(self.T_last) @ T) / self.seconds
 
 
@@ -67,7 +69,7 @@ def at_once(
     twist = frame.twist(T)
     # What lies a metre away moves by about this in half the time.
     pixels = cameras[0].fx * np.linalg.norm(twist.reshape(2, 3), axis=1).sum() * abs(frame.readout_s) / 2
-    if not np.isfinite(pixels) or pixels < _NEGLIGIBLE:
+    if not _NEGLIGIBLE <= pixels < cameras[0].width:  # at rest, or nowhere near
         return maps
     levels = zip(cameras, maps, strict=True)
     return [global_shutter(camera, level, twist, frame.readout_s) for camera, level in levels]

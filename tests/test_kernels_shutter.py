@@ -64,7 +64,8 @@ def test_nothing_changes_without_motion():
     for name in ("vertex", "normal", "intensity", "radius", "colour", "edge"):
         np.testing.assert_allclose(getattr(same, name).numpy(), getattr(maps[0], name).numpy(), atol=1e-6)
     assert at_once(LEVELS, maps, None, np.eye(4)) is maps
-    assert at_once(LEVELS, maps, Rolling(READOUT, np.eye(4), 0.033), np.eye(4)) is maps
+    for T in (np.eye(4), exp_se3(np.array([50.0, 0, 0, 0, 0, 0])), np.full((4, 4), np.nan)):
+        assert at_once(LEVELS, maps, Rolling(READOUT, np.eye(4), 0.033), T) is maps
 
 
 def test_tracking_finds_the_pose_of_the_middle_row():
