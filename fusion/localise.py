@@ -46,7 +46,7 @@ class Localiser(Mapper):
             self.T_world_camera = found
             result.tracked = result.relocalised = True
 
-    def _segment(self, frame: Frame) -> None:
+    def _segment(self, frame: Frame, maps: FrameMaps) -> None:
         return None
 
     def _close_loops(self, maps: list[FrameMaps]) -> LoopRecord | None:
