@@ -4,11 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dsmap.fusion.lie import hat, inverse, log_se3
+from dsmap.fusion.lie import hat, velocity
+from dsmap.fusion.motion import MAX_GAP_S
 from dsmap.sequences import Sequence
-
-_MAX_GAP_S = 0.2
-"""Frames further apart tell nothing about how the camera moved [s]."""
 
 
 @dataclass
@@ -44,12 +42,7 @@ def rows_of(
     """
     for other in (frame - 1, frame + 1) if readout_s else ():
         if other in poses:
-            seconds = _taken(reference, frame) - _taken(reference, other)
-            if 0 < abs(seconds) <= _MAX_GAP_S:
-                return Rows(log_se3(inverse(poses[other]) @ poses[frame]) / seconds, readout_s, height)
+            seconds = reference.entries[frame].taken - reference.entries[other].taken
+            if 0 < abs(seconds) <= MAX_GAP_S:
+                return Rows(velocity(poses[other], poses[frame], seconds), readout_s, height)
     return None
-
-
-def _taken(reference: Sequence, frame: int) -> float:
-    entry = reference.entries[frame]
-    return entry.time if entry.depth_time is None else entry.depth_time

@@ -58,6 +58,11 @@ def inverse(T: np.ndarray) -> np.ndarray:
     return out
 
 
+def velocity(T_before: np.ndarray, T_after: np.ndarray, seconds: float) -> np.ndarray:
+    """Of a camera that went from pose to pose, in its own frame (translation [m/s], rotation [rad/s]), shape (6,)."""
+    return log_se3(inverse(T_before) @ T_after) / seconds
+
+
 def rotation_angle(T: np.ndarray) -> float:
     """Rotation angle of a transform [rad]."""
     return float(np.arccos(np.clip((np.trace(T[:3, :3]) - 1) / 2, -1, 1)))

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from dsmap.fusion.config import TrackConfig
-from dsmap.fusion.lie import adjoint, exp_se3, inverse, log_se3
+from dsmap.fusion.lie import adjoint, exp_se3, inverse, velocity
 from dsmap.fusion.trajectory import TrajectoryPoint
 
-_MAX_GAP_S = 0.2
+MAX_GAP_S = 0.2
 """Frames further apart than this say nothing about each other's motion [s]."""
 _CORRELATED = 5.0
 """Squared errors of tracked poses, of their stated covariance: residuals of neighbouring pixels are not independent.
@@ -63,7 +63,7 @@ class Motion:
         if not self._used or not self._knows(trajectory):
             return None
         seconds = taken - trajectory[-1].taken
-        if not 0 < seconds <= _MAX_GAP_S:
+        if not 0 < seconds <= MAX_GAP_S:
             return None
         T = T_view_world @ trajectory[-1].T_world_camera @ exp_se3(self.velocity * seconds)
         A = adjoint(inverse(T))
@@ -87,19 +87,19 @@ class Motion:
         """
         before = trajectory[-1]
         seconds = taken - before.taken
-        if not (before.tracked and 0 < seconds <= _MAX_GAP_S and np.isfinite(covariance).all()):
+        if not (before.tracked and 0 < seconds <= MAX_GAP_S and np.isfinite(covariance).all()):
             return
         A = adjoint(inverse(T_view_camera))
         known = _CORRELATED * A @ covariance @ A.T / seconds**2 + 1e-12 * np.eye(6)
-        velocity = log_se3(inverse(before.T_world_camera) @ T_world_camera) / seconds
+        seen = velocity(before.T_world_camera, T_world_camera, seconds)
         if self._knows(trajectory):
             # The expectation is in the pose already; only the covariances are left to be joined.
             known = np.linalg.inv(np.linalg.inv(known) + np.linalg.inv(self._predicted(seconds)))
             # What the velocity has changed by beyond its own uncertainty.
-            change = (velocity - self.velocity) ** 2 - np.diag(known) - np.diag(self.covariance)
-            seen = np.sqrt(np.maximum(change.reshape(2, 3).mean(axis=1), 0)) / seconds
-            self.acceleration = np.maximum(np.maximum(seen, _FORGET * self.acceleration), self._least)
-        self.velocity, self.covariance, self.learnt = velocity, known, len(trajectory)
+            change = (seen - self.velocity) ** 2 - np.diag(known) - np.diag(self.covariance)
+            lately = np.sqrt(np.maximum(change.reshape(2, 3).mean(axis=1), 0)) / seconds
+            self.acceleration = np.maximum(np.maximum(lately, _FORGET * self.acceleration), self._least)
+        self.velocity, self.covariance, self.learnt = seen, known, len(trajectory)
 
     def _knows(self, trajectory: Sequence[TrajectoryPoint]) -> bool:
         """Whether the velocity is that of the last frame."""

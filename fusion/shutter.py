@@ -13,13 +13,12 @@ import cv2
 import numpy as np
 
 from dsmap.frame import Frame
-from dsmap.fusion.lie import inverse, log_se3
+from dsmap.fusion.lie import velocity
+from dsmap.fusion.motion import MAX_GAP_S
 from dsmap.fusion.trajectory import TrajectoryPoint
 from dsmap.kernels.shutter import global_shutter
 from dsmap.kernels.types import FrameMaps
 
-_MAX_GAP_S = 0.2
-"""A frame that much later than the last tells nothing about how the camera moves now [s]."""
 _NEGLIGIBLE = 0.2
 """A frame whose first and last row are off by less than this stays as it is [px]."""
 
@@ -39,7 +38,7 @@ class Rolling:
         """Velocity of a camera that came to T, in its own frame (translation [m/s], rotation [rad/s]), shape (6,)."""
         if not np.isfinite(T).all():  # a search that went astray
             return np.zeros(6)
-        return log_se3(inverse(self.T_last) @ T) / self.seconds
+        return velocity(self.T_last, T, self.seconds)
 
 
 def rolling(
@@ -55,7 +54,7 @@ def rolling(
     if not readout_s or not trajectory or not trajectory[-1].tracked:
         return None
     seconds = taken - trajectory[-1].taken
-    if not 0 < seconds <= _MAX_GAP_S:
+    if not 0 < seconds <= MAX_GAP_S:
         return None
     return Rolling(readout_s, T_view_world @ trajectory[-1].T_world_camera, seconds)
 

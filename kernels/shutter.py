@@ -123,28 +123,16 @@ def global_shutter(camera: Camera, maps: FrameMaps, twist: np.ndarray, readout_s
     """
     device, shape = maps.vertex.device, maps.vertex.shape
     finest = maps.colour is not None
-    of_finest = (
-        [maps.radius, maps.colour, maps.edge] if finest else _nothing(device, (float, wp.vec3, wp.uint8))
-    )
-    inputs = [
-        camera,
-        make_shutter(camera, twist, readout_s),
-        int(finest),
-        maps.vertex,
-        maps.normal,
-        maps.intensity,
-    ]
+    none = [wp.empty((1, 1), dtype=dtype, device=device) for dtype in (float, wp.vec3, wp.uint8)]
+    of_finest = [maps.radius, maps.colour, maps.edge] if finest else none
+    shutter = make_shutter(camera, twist, readout_s)
+    inputs = [camera, shutter, int(finest), maps.vertex, maps.normal, maps.intensity, *of_finest]
     # The same memory in every frame: pages that were never written cost a third of the time.
     out = [scratch(f"shutter {k}", shape, dtype, device) for k, dtype in enumerate((wp.vec3, wp.vec3, float))]
-    dtypes = (float, float, wp.vec3, wp.uint8)
-    more = _nothing(device, dtypes)
-    if finest:
-        more = [scratch(f"shutter finest {k}", shape, dtype, device) for k, dtype in enumerate(dtypes)]
-    inputs, outputs = [*inputs, *of_finest], [*out, *more]
-    launch_rows(_global_shutter, camera.height, camera.width, inputs, outputs, device)
+    more = [
+        scratch(f"shutter finest {k}", shape if finest else (1, 1), dtype, device)
+        for k, dtype in enumerate((float, float, wp.vec3, wp.uint8))
+    ]
+    launch_rows(_global_shutter, camera.height, camera.width, inputs, [*out, *more], device)
     new = replace(maps, vertex=out[0], normal=out[1], intensity=out[2])
     return replace(new, depth=more[0], radius=more[1], colour=more[2], edge=more[3]) if finest else new
-
-
-def _nothing(device: wp.Device, dtypes: tuple) -> list[wp.array]:
-    return [wp.empty((1, 1), dtype=dtype, device=device) for dtype in dtypes]

@@ -4,49 +4,22 @@ import numpy as np
 import pytest
 import reference
 import warp as wp
+from wall_corner import LEVELS, view
 
-from dsmap.frame import Intrinsics
 from dsmap.fusion.config import TrackConfig
 from dsmap.fusion.lie import exp_se3, exp_so3, inverse, log_se3, rotation_angle
 from dsmap.fusion.motion import Expected
 from dsmap.fusion.tracker import ModelView, Tracker, exposure_gain
 from dsmap.kernels import odometry
-from dsmap.kernels.camera import make_camera
 from dsmap.kernels.preprocess import preprocess
 
-INTRINSICS = Intrinsics(96, 72, 90.0, 91.0, 47.2, 35.9)
-LEVELS = [make_camera(INTRINSICS.scaled(96 >> level, 72 >> level)) for level in range(3)]
 CPU = wp.get_device("cpu")
-
-
-def room(T_world_camera: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Colour and depth of a textured corner (three planes) and a sphere, ray cast."""
-    direction = reference.rays(LEVELS[0]) @ T_world_camera[:3, :3].T
-    origin = T_world_camera[:3, 3]
-    planes = [((0, 0, -1), -2.5), ((1, 0, -0.3), -1.6), ((0, -1, -0.2), -1.7)]
-    depth = np.full(direction.shape[:2], np.inf)
-    for normal, offset in planes:
-        n = np.array(normal, dtype=np.float64)
-        with np.errstate(divide="ignore"):
-            t = (offset - origin @ n) / (direction @ n)
-        depth = np.where((t > 0) & (t < depth), t, depth)
-    centre, size = np.array([0.2, 0.1, 1.8]), 0.4
-    b = direction @ (origin - centre)
-    a = (direction**2).sum(-1)
-    disc = b**2 - a * ((origin - centre) @ (origin - centre) - size**2)
-    t = (-b - np.sqrt(np.maximum(disc, 0))) / a
-    depth = np.where((disc > 0) & (t > 0) & (t < depth), t, depth)
-    depth[~np.isfinite(depth)] = 0
-    p = origin + depth[..., None] * direction
-    light = 0.5 + 0.2 * np.sin(6 * p[..., 0] + 1) * np.cos(5 * p[..., 1]) + 0.15 * np.sin(7 * p[..., 2])
-    rgb = np.repeat((255 * light.clip(0, 1))[..., None], 3, axis=2)
-    return rgb.astype(np.uint8), depth.astype(np.float32)
 
 
 def pair(T_prev_cur: np.ndarray):
     """Maps of two views of the room, and the first as a model view."""
-    first = preprocess(*room(np.eye(4)), LEVELS, CPU)
-    second = preprocess(*room(T_prev_cur), LEVELS, CPU)
+    first = preprocess(*view(np.eye(4), ball=True), LEVELS, CPU)
+    second = preprocess(*view(T_prev_cur, ball=True), LEVELS, CPU)
     return second, ModelView(first[0].vertex, first[0].normal, first[0].intensity, 3, np.eye(4)), first
 
 
@@ -100,7 +73,7 @@ def test_rotation_normal_equations():
 def test_lanes_do_not_change_the_sums(monkeypatch):
     """The CUDA path splits rows into lanes: the same sums, in another order."""
     frame, model, _ = pair(exp_se3(np.array([0.02, 0, 0, 0, 0.01, 0])))
-    gates = Tracker(TrackConfig(stride=(1, 1, 1)), LEVELS)._gates(0)
+    gates = Tracker(TrackConfig(), LEVELS)._gates(0)
     maps = (frame[0].vertex, frame[0].normal, frame[0].intensity)
     one = odometry.joint_normal_equations(LEVELS[0], gates, maps, model.levels[0])(np.eye(4))
     monkeypatch.setattr(odometry, "_lanes", lambda device: odometry.CUDA_LANES)
@@ -116,7 +89,7 @@ def test_lanes_do_not_change_the_sums(monkeypatch):
 def test_tracker_finds_the_motion(xi):
     truth = exp_se3(np.array(xi))
     frame, model, first = pair(truth)
-    tracker = Tracker(TrackConfig(stride=(1, 1, 1)), LEVELS)
+    tracker = Tracker(TrackConfig(), LEVELS)
     tracker.remember(first[-1].intensity)
     T_prev_cur, health = tracker.track(frame, model)
     error = inverse(truth) @ T_prev_cur
@@ -139,7 +112,7 @@ def test_in_front_of_a_bare_wall_motion_says_what_depth_cannot():
     frame = preprocess(*wall(1.98, 0.002, 1), LEVELS, CPU)
     motion = np.array([0.01, -0.02, 0.005, 0.004, -0.003, 0.02])
     sure = 0.005**-2.0 * np.eye(6)
-    tracker = Tracker(TrackConfig(stride=(1, 1, 1)), LEVELS)
+    tracker = Tracker(TrackConfig(), LEVELS)
     found, health = tracker.track(frame, view, expected=Expected(exp_se3(motion), sure))
     xi = log_se3(found)
     np.testing.assert_allclose(
@@ -155,7 +128,7 @@ def test_a_sure_measurement_outweighs_a_wrong_expectation():
     truth = exp_se3(np.array([0.03, -0.02, 0.02, 0.02, -0.03, 0.01]))
     frame, model, _ = pair(truth)
     wrong = Expected(np.eye(4), 0.02**-2.0 * np.eye(6))
-    found, health = Tracker(TrackConfig(stride=(1, 1, 1)), LEVELS).track(frame, model, expected=wrong)
+    found, health = Tracker(TrackConfig(), LEVELS).track(frame, model, expected=wrong)
     assert health.tracked and np.linalg.norm((inverse(truth) @ found)[:3, 3]) < 2e-3
 
 
@@ -163,7 +136,7 @@ def test_a_search_starts_where_motion_leads_if_that_fits_better():
     """So far from the last pose that registration does not get there from it."""
     truth = exp_se3(np.array([0.05, -0.05, 0.05, 0, 0.5, 0]))
     frame, model, _ = pair(truth)
-    tracker = Tracker(TrackConfig(stride=(1, 1, 1), so3=False), LEVELS)
+    tracker = Tracker(TrackConfig(so3=False), LEVELS)
     unsure = 10.0**-2 * np.eye(6)
     starts = {"rest": None, "expected": Expected(truth, unsure), "wrong": Expected(inverse(truth), unsure)}
     off = {
@@ -182,7 +155,7 @@ def test_tracker_knows_when_it_is_lost():
     tracker = Tracker(TrackConfig(), LEVELS)
     tracker.remember(first[-1].intensity)
     assert not tracker.track(noise, model)[1].tracked
-    far = preprocess(*room(exp_se3(np.array([0, 0, 0, 0, 2.5, 0]))), LEVELS, CPU)
+    far = preprocess(*view(exp_se3(np.array([0, 0, 0, 0, 2.5, 0])), ball=True), LEVELS, CPU)
     assert not tracker.track(far, model)[1].tracked
     empty = preprocess(np.zeros((72, 96, 3), np.uint8), np.zeros((72, 96), np.float32), LEVELS, CPU)
     assert not tracker.track(empty, model)[1].tracked

@@ -9,7 +9,6 @@ import yaml
 from conftest import shared_data
 from sequence_files import CAMERA, RATE, colour, depth, pose, write_redwood, write_seven_scenes, write_tum
 
-from dsmap.errors import InputError
 from dsmap.frame import Intrinsics
 from dsmap.sequences import SequenceWriter, open_sequence
 from dsmap.sequences.associate import associate, gaps, poses_at
@@ -229,18 +228,6 @@ def test_colour_of_a_second_camera_is_registered():
     assert np.abs(cv2.resize(rgb, (64, 48)).astype(float) - expected).max() > 20, "the test would not notice"
 
 
-def test_a_color_camera_is_written_and_read_back(tmp_path):
-    from dsmap.sequences.calibration import Calibration, read_calibration, write_calibration
-
-    T = np.eye(4)
-    T[0, 3] = -0.025
-    color = Intrinsics(96, 80, 70.0, 72.0, 47.0, 40.0)
-    write_calibration(tmp_path, Calibration(CAMERA, 1000.0, "", T_color_depth=T, color_camera=color))
-    found = read_calibration(tmp_path)
-    assert found is not None and found.color_camera == color
-    np.testing.assert_array_equal(found.T_color_depth, T)
-
-
 def test_iterating_stops_its_thread_when_the_consumer_leaves(tmp_path):
     sequence = open_sequence(write_tum(tmp_path / "s", frames=20))
     for frame in sequence:
@@ -271,25 +258,6 @@ def test_a_mesh_is_read_back(tmp_path):
     np.testing.assert_array_equal(read.vertices, mesh.vertices)
     np.testing.assert_array_equal(read.faces, mesh.faces)
     np.testing.assert_array_equal(read.label, mesh.label)
-
-
-def test_readout_of_a_rolling_shutter_is_kept_and_checked(tmp_path):
-    from dsmap.sequences.calibration import Calibration, read_calibration, write_calibration
-
-    write_calibration(tmp_path, Calibration(CAMERA, 1000.0, "", readout_s=-0.01))
-    found = read_calibration(tmp_path)
-    assert found is not None and found.readout_s == -0.01
-    text = (tmp_path / "calibration.yaml").read_text()
-    (tmp_path / "calibration.yaml").write_text(text.replace("-0.01", "fast"))
-    with pytest.raises(InputError, match="found 'fast' for readout_s"):
-        read_calibration(tmp_path)
-    for layout, name, expected in (
-        ("tum", "fr1_desk", 0.026),
-        ("tum", "fr3_office", 0.0),
-        ("7-scenes", "x", 0.026),
-    ):
-        known = known_default(layout, tmp_path / name, 640, 480)
-        assert known is not None and known.readout_s == expected
 
 
 def test_real_tum_recording_has_300_pairs():

@@ -1,4 +1,7 @@
-"""A textured corner of three planes, ray cast: what a small camera sees of it, and how far points are from it."""
+"""A textured corner of three planes, ray cast: what a small camera sees of it, and how far points are from it.
+
+For tests that want a curved surface, too, there may be a ball in it.
+"""
 
 import numpy as np
 import reference
@@ -11,7 +14,7 @@ LEVELS = [make_camera(INTRINSICS.scaled(96 >> level, 72 >> level)) for level in 
 _PLANES = [((0, 0, -1), -2.5), ((1, 0, -0.3), -1.6), ((0, -1, -0.2), -1.7)]
 
 
-def view(T_world_camera: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def view(T_world_camera: np.ndarray, ball: bool = False) -> tuple[np.ndarray, np.ndarray]:
     """Colour, uint8, and depth [m], float32, from there."""
     direction = reference.rays(LEVELS[0]) @ T_world_camera[:3, :3].T
     origin = T_world_camera[:3, 3]
@@ -21,6 +24,13 @@ def view(T_world_camera: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         with np.errstate(divide="ignore"):
             t = (offset - origin @ n) / (direction @ n)
         depth = np.where((t > 0) & (t < depth), t, depth)
+    if ball:
+        centre, size = np.array([0.2, 0.1, 1.8]), 0.4
+        b = direction @ (origin - centre)
+        a = (direction**2).sum(-1)
+        disc = b**2 - a * ((origin - centre) @ (origin - centre) - size**2)
+        t = (-b - np.sqrt(np.maximum(disc, 0))) / a
+        depth = np.where((disc > 0) & (t > 0) & (t < depth), t, depth)
     depth[~np.isfinite(depth)] = 0
     p = origin + depth[..., None] * direction
     light = 0.5 + 0.2 * np.sin(6 * p[..., 0] + 1) * np.cos(5 * p[..., 1]) + 0.15 * np.sin(7 * p[..., 2])

@@ -41,6 +41,11 @@ class Entry:
     depth_time: float | None = None
     """Stamp of the depth image on the colour's clock [s]; None: that of the colour."""
 
+    @property
+    def taken(self) -> float:
+        """When the camera was at the given pose [s]."""
+        return self.time if self.depth_time is None else self.depth_time
+
 
 @dataclass
 class Recording:
