@@ -4,7 +4,7 @@ import time
 
 import numpy as np
 import pytest
-from test_kernels_odometry import INTRINSICS
+from wall_corner import INTRINSICS
 
 from dsmap.fusion.config import FernConfig
 from dsmap.fusion.ferns import NO_DATA, FernDatabase, SmallView, small_size, small_view

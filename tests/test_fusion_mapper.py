@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from test_kernels_odometry import INTRINSICS, room
+from wall_corner import INTRINSICS, room
 
 from dsmap.classes import CLASS_NAMES
 from dsmap.errors import InputError

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_kernels_odometry import INTRINSICS, room
+from wall_corner import INTRINSICS, room
 
 from dsmap.frame import Frame
 from dsmap.fusion.config import FernConfig, MapConfig, RelocaliseConfig

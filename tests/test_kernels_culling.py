@@ -5,7 +5,7 @@ import pytest
 import random_scene
 import warp as wp
 from test_fusion_mapper import config, frames
-from test_kernels_odometry import INTRINSICS, room
+from wall_corner import INTRINSICS, room
 
 from dsmap.frame import Frame
 from dsmap.fusion.lie import exp_se3

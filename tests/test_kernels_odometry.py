@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import reference
 import warp as wp
-from wall_corner import LEVELS, view
+from wall_corner import LEVELS, room
 
 from dsmap.fusion.config import TrackConfig
 from dsmap.fusion.lie import exp_se3, exp_so3, inverse, log_se3, rotation_angle
@@ -18,8 +18,8 @@ CPU = wp.get_device("cpu")
 
 def pair(T_prev_cur: np.ndarray):
     """Maps of two views of the room, and the first as a model view."""
-    first = preprocess(*view(np.eye(4), ball=True), LEVELS, CPU)
-    second = preprocess(*view(T_prev_cur, ball=True), LEVELS, CPU)
+    first = preprocess(*room(np.eye(4)), LEVELS, CPU)
+    second = preprocess(*room(T_prev_cur), LEVELS, CPU)
     return second, ModelView(first[0].vertex, first[0].normal, first[0].intensity, 3, np.eye(4)), first
 
 
@@ -155,7 +155,7 @@ def test_tracker_knows_when_it_is_lost():
     tracker = Tracker(TrackConfig(), LEVELS)
     tracker.remember(first[-1].intensity)
     assert not tracker.track(noise, model)[1].tracked
-    far = preprocess(*view(exp_se3(np.array([0, 0, 0, 0, 2.5, 0])), ball=True), LEVELS, CPU)
+    far = preprocess(*room(exp_se3(np.array([0, 0, 0, 0, 2.5, 0]))), LEVELS, CPU)
     assert not tracker.track(far, model)[1].tracked
     empty = preprocess(np.zeros((72, 96, 3), np.uint8), np.zeros((72, 96), np.float32), LEVELS, CPU)
     assert not tracker.track(empty, model)[1].tracked

@@ -6,7 +6,7 @@ import time
 import numpy as np
 import pytest
 from test_fusion_mapper import FRAMES
-from test_kernels_odometry import INTRINSICS
+from wall_corner import INTRINSICS
 
 from dsmap.errors import InputError
 from dsmap.fusion.bench import Timing, time_steps

@@ -38,6 +38,11 @@ def view(T_world_camera: np.ndarray, ball: bool = False) -> tuple[np.ndarray, np
     return rgb.astype(np.uint8), depth.astype(np.float32)
 
 
+def room(T_world_camera: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The same with the ball."""
+    return view(T_world_camera, ball=True)
+
+
 def distance(points: np.ndarray) -> np.ndarray:
     """Of world points, shape (N, 3), to the nearest plane [m]."""
     off = [np.abs(points @ np.array(n) - d) / np.linalg.norm(n) for n, d in _PLANES]
