@@ -209,6 +209,16 @@ def half_surface(
     return out[0], out[1], out[2]
 
 
+def surface_maps(smooth: wp.array, camera: Camera) -> tuple[wp.array, wp.array, wp.array, wp.array]:
+    """Vertex [m], normal, radius [m] and edge map of filtered depth (see `smooth_depth`), all of shape (H, W)."""
+    shape, device = smooth.shape, smooth.device
+    vertex, normal = (wp.empty(shape, dtype=wp.vec3, device=device) for _ in range(2))
+    radius = wp.empty(shape, dtype=float, device=device)
+    edge = wp.empty(shape, dtype=wp.uint8, device=device)
+    launch_rows(_surface, *shape, [camera, smooth], [vertex, normal, radius, edge], device)
+    return vertex, normal, radius, edge
+
+
 def preprocess(
     rgb: np.ndarray, depth: np.ndarray, cameras: Sequence[Camera], device: wp.Device
 ) -> list[FrameMaps]:
@@ -222,17 +232,13 @@ def preprocess(
         depth: clean depth [m] (see `clean_depth`), float32, shape (H, W).
         cameras: one camera a level, each half the size of the one before.
     """
-    shape = depth.shape
 
     def colours() -> tuple[wp.array, wp.array]:
         colour = colour_map(rgb, device)
         return colour, intensity_map(colour)
 
     smooth, (colour, light) = together(lambda: smooth_depth(depth, device), colours, device)
-    vertex, normal = (wp.empty(shape, dtype=wp.vec3, device=device) for _ in range(2))
-    radius = wp.empty(shape, dtype=float, device=device)
-    edge = wp.empty(shape, dtype=wp.uint8, device=device)
-    launch_rows(_surface, *shape, [cameras[0], smooth], [vertex, normal, radius, edge], device)
+    vertex, normal, radius, edge = surface_maps(smooth, cameras[0])
     levels = [FrameMaps(smooth, vertex, normal, light, radius, colour, edge)]
     for _ in cameras[1:]:
         last = levels[-1]

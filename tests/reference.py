@@ -73,6 +73,16 @@ def surface(camera, depth: np.ndarray) -> tuple[np.ndarray, ...]:
     return vertex, normal, radius, edge
 
 
+def geometry_channels(vertex, normal, up, floor_height) -> np.ndarray:
+    """Inverse depth, cosine to up, height above the floor and validity of a frame's points, shape (H, W, 4)."""
+    out = np.zeros((*vertex.shape[:2], 4))
+    for y, x in np.argwhere(vertex[..., 2] > 0):
+        height = np.clip(vertex[y, x] @ up - floor_height, -0.3, 3.5)
+        inverse_depth = 1 / max(vertex[y, x, 2], 0.3)
+        out[y, x] = (inverse_depth - 0.45) / 0.25, normal[y, x] @ up, (height - 1.0) / 0.8, 1
+    return out
+
+
 def half_surface(vertex, normal, intensity) -> tuple[np.ndarray, ...]:
     """Next pyramid level: means over 2x2 blocks of what lies within 5 % of the nearest."""
     shape = (vertex.shape[0] // 2, vertex.shape[1] // 2)
