@@ -4,11 +4,11 @@ from typing import Protocol
 
 import numpy as np
 
-from dsmap.frame import Frame
+from dsmap.frame import Frame, FrameGeometry
 
 
 class Segmenter(Protocol):
-    """Anything that labels a frame. `dsmap.fusion` knows no network: it takes one of these."""
+    """Anything that labels a frame. `dsmap.fusion` knows no network: it takes one of these, or a GeometrySegmenter."""
 
     def __call__(self, frame: Frame) -> np.ndarray | None:
         """Class probabilities of a frame.
@@ -18,3 +18,27 @@ class Segmenter(Protocol):
             than the frame (it is sampled bilinearly over the whole image). None: this frame has no labels.
         """
         ...
+
+
+class GeometrySegmenter(Protocol):
+    """A segmenter with the attribute `wants_geometry = True`: it is shown what the mapper knows of the frame.
+
+    Its frames are upright: a camera that is held on its side or upside down is turned by the map's up before, and
+    the probabilities are turned back (see `dsmap.fusion.upright`). A frame on its side is higher than wide.
+    """
+
+    wants_geometry: bool
+
+    def __call__(self, frame: Frame, geometry: FrameGeometry | None = None) -> np.ndarray | None:
+        """As of a Segmenter.
+
+        Args:
+            geometry: of this frame, turned as it is; None where there is none that can be trusted (no depth, a
+                doubtful depth scale): the colours alone have to do.
+        """
+        ...
+
+
+def wants_geometry(segmenter: Segmenter | GeometrySegmenter | None) -> bool:
+    """Whether it is to be called with a frame and its geometry."""
+    return bool(getattr(segmenter, "wants_geometry", False))

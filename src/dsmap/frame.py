@@ -84,3 +84,18 @@ class Frame:
             if image.shape[:2] != (camera.height, camera.width):
                 found = f"{image.shape[1]}x{image.shape[0]}; expected {camera.width}x{camera.height}"
                 raise InputError(f"frame {self.index}: {name} is {found}, the camera's size")
+
+
+@dataclass(frozen=True)
+class FrameGeometry:
+    """What a frame's depth and gravity say about every pixel."""
+
+    channels: np.ndarray
+    """float32, shape (H, W, 4): inverse depth, cosine of the normal to up, height above the floor, validity, scaled as
+    `dsmap.kernels.geometry` says; 0 where there is no depth."""
+    up: np.ndarray
+    """Unit vector in the camera's frame, shape (3,)."""
+    floor_height: float
+    """Where the floor lies along up, seen from the camera [m]; negative below it."""
+    confidence: float = 1.0
+    """How much speaks for `up`, 0 to 1 (see `dsmap.gravity.Up`)."""
