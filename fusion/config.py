@@ -253,6 +253,9 @@ class MapConfig:
     """track: estimate the camera's motion; given: take the recording's poses."""
     readout_s: float = 0.0
     """Rolling shutter: time from an image's first row to its last [s]; 0: all rows at once, negative: from below."""
+    camera_up: Literal["auto", "top", "right", "bottom", "left"] = "auto"
+    """The side of the image that is up, roughly: networks are shown upright images, and up begins there. auto: the
+    top, or the bottom once the map shows that the camera hangs upside down."""
     track: TrackConfig = field(default_factory=TrackConfig)
     surfels: SurfelConfig = field(default_factory=SurfelConfig)
     labels: LabelConfig = field(default_factory=LabelConfig)

@@ -13,6 +13,7 @@ from dsmap.errors import InputError
 from dsmap.frame import Frame, Intrinsics, orthonormal
 from dsmap.fusion.config import MapConfig
 from dsmap.fusion.device import chosen_device
+from dsmap.fusion.gravity import MapGravity
 from dsmap.fusion.integrate import Integrator
 from dsmap.fusion.lie import inverse
 from dsmap.fusion.loop_closure import LoopCloser
@@ -20,12 +21,13 @@ from dsmap.fusion.loop_record import LoopRecord, Moment
 from dsmap.fusion.motion import Motion
 from dsmap.fusion.moving import MovingThings, without
 from dsmap.fusion.pose_check import PoseCheck
-from dsmap.fusion.segmenter import Segmenter
+from dsmap.fusion.segmenter import GeometrySegmenter, Segmenter, wants_geometry
 from dsmap.fusion.semantics import Schedule
 from dsmap.fusion.shutter import at_once, put_right, rolling
 from dsmap.fusion.step_result import StepResult
 from dsmap.fusion.tracker import ModelView, Tracker
 from dsmap.fusion.trajectory import TrajectoryPoint, extrapolated
+from dsmap.fusion.upright import segment_upright
 from dsmap.fusion.views import Views, has_left, pyramid_cameras
 from dsmap.kernels.compact import Sweep
 from dsmap.kernels.culling import Blocks
@@ -51,7 +53,12 @@ class Mapper:
         InputError: the image is too small for the pyramid, or the device is not there.
     """
 
-    def __init__(self, config: MapConfig, intrinsics: Intrinsics, segmenter: Segmenter | None = None):
+    def __init__(
+        self,
+        config: MapConfig,
+        intrinsics: Intrinsics,
+        segmenter: Segmenter | GeometrySegmenter | None = None,
+    ):
         if min(intrinsics.width, intrinsics.height) < 32:
             raise InputError(
                 f"images of {intrinsics.width}x{intrinsics.height} are too small; expected at least 32x32"
@@ -65,6 +72,7 @@ class Mapper:
         self.tracker = Tracker(config.track, self.cameras)
         self.motion = Motion(config.track)
         self.schedule = Schedule(config.labels)
+        self.gravity = MapGravity(intrinsics, config.camera_up)
         self.surfels = SurfelMap.empty(self.device)
         self.blocks = Blocks(self.surfels, config.surfels.stable_weight)
         self.views = Views(config, self.blocks, self.cameras)
@@ -161,6 +169,12 @@ class Mapper:
         from dsmap.fusion.run_folder import save_run
 
         save_run(self, Path(run_dir))
+
+    @property
+    def up(self) -> np.ndarray:
+        """Which way is up in the world's frame, from the whole map so far: a unit vector, shape (3,)."""
+        self._look_for_up()
+        return self.T_world_camera[:3, :3] @ self.gravity.in_camera(self.T_world_camera)
 
     @property
     def sweep(self) -> Sweep:
@@ -260,7 +274,15 @@ class Mapper:
     def _segment(self, frame: Frame, maps: FrameMaps) -> np.ndarray | None:
         if self.segmenter is None or not self.schedule.due(self.T_world_camera):
             return None
-        return self.segmenter(put_right(frame, maps) if self.config.readout_s else frame)
+        frame = put_right(frame, maps) if self.config.readout_s else frame
+        if not wants_geometry(self.segmenter):
+            return self.segmenter(frame)
+        self._look_for_up()
+        geometry = self.gravity.of_frame(self.T_world_camera, maps)
+        return segment_upright(self.segmenter, frame, geometry, self.gravity.in_camera(self.T_world_camera))
+
+    def _look_for_up(self) -> None:
+        self.gravity.update(self.surfels, self.config.surfels.stable_weight, self.trajectory)
 
     def _view_is_old(self, result: StepResult) -> bool:
         """Whether the view is to be predicted anew: in its turn, where the camera has left it, and for loops."""

@@ -16,7 +16,7 @@ from dsmap.kernels.types import SurfelMap
 METADATA = "state"
 """Key of the plain values in a checkpoint's metadata."""
 _VIEW = ("vertex", "normal", "colour")
-_FERNS, _STAGE, _MOVING, _MOTION = "ferns.", "stage.", "moving.", "motion."
+_FERNS, _STAGE, _MOVING, _MOTION, _GRAVITY = "ferns.", "stage.", "moving.", "motion.", "gravity."
 
 
 def mapper_state(mapper: Mapper) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
@@ -39,6 +39,7 @@ def mapper_state(mapper: Mapper) -> tuple[dict[str, np.ndarray], dict[str, Any]]
         arrays["schedule.last"] = mapper.schedule.last
     arrays |= {_MOVING + name: array for name, array in mapper.moving.state().items()}
     arrays |= {_MOTION + name: array for name, array in mapper.motion.state().items()}
+    arrays |= {_GRAVITY + name: array for name, array in mapper.gravity.state().items()}
     arrays |= {_STAGE + name: np.array(ms, dtype=np.float64) for name, ms in mapper.stages_ms.items()}
     closer = mapper.closer
     if closer is not None:
@@ -117,6 +118,7 @@ def _restore_map(mapper: Mapper, surfels: SurfelMap, meta: dict[str, Any]) -> No
     """Surfels, keyframes, loops, trajectory, frame number."""
     arrays, plain = meta["arrays"], meta["plain"]
     mapper.adopt(surfels)
+    mapper.gravity.load_state(_part(arrays, _GRAVITY))
     points = zip(meta["times"], meta["poses"], meta["tracked"], meta["depth_times"], strict=True)
     mapper.trajectory[:] = [
         TrajectoryPoint(float(time), T, bool(tracked), None if np.isnan(depth_time) else float(depth_time))

@@ -2,11 +2,12 @@
 
 import importlib
 import sys
+import warnings
 from typing import Any
 
 import tyro
 
-from dsmap.errors import InputError
+from dsmap.errors import InputError, InputWarning
 
 COMMANDS: dict[str, tuple[str, str]] = {
     "map": ("dsmap.tools.map", "Map an RGB-D recording: trajectory, surfels, labels, pictures."),
@@ -97,8 +98,22 @@ def run(command: str, argv: list[str]) -> int:
         return 2
 
 
+def print_input_warnings() -> None:
+    """From now on an InputWarning is one line on stderr, without the place in our code that found it."""
+    usual = warnings.showwarning
+
+    def show(message: Any, category: Any, *where: Any, **more: Any) -> None:
+        if issubclass(category, InputWarning):
+            print(f"warning: {message}", file=sys.stderr)
+        else:
+            usual(message, category, *where, **more)
+
+    warnings.showwarning = show
+
+
 def main() -> None:
     """Entry point of the `dsmap` program."""
+    print_input_warnings()
     argv = sys.argv[1:]
     if not argv or argv[0] in ("-h", "--help"):
         print(usage())

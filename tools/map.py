@@ -65,6 +65,9 @@ class Args:
     """Remove lens distortion, where the calibration has one."""
     readout_s: float | None = None
     """Rolling shutter: time from an image's first row to its last [s]; default: the calibration's, else 0."""
+    camera_up: Literal["auto", "top", "right", "bottom", "left"] = "auto"
+    """The side of the image that is up, roughly; auto: the top, or the bottom once the map shows that the camera
+    hangs upside down. A phone held upright is filmed with right or left."""
     poses: Literal["track", "given"] = "track"
     """Estimate the motion, or take the recording's poses."""
     loops: Literal["on", "local", "global", "off"] | None = None

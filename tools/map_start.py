@@ -96,7 +96,8 @@ def map_config(args: Any, sequence: Sequence) -> MapConfig:
         )
     device = "cuda:0" if args.device == "cuda" else args.device
     return MapConfig(
-        device, args.depth_min, depth_max, args.poses, readout_s, track=args.track, surfels=args.surfels, labels=labels,
+        device, args.depth_min, depth_max, args.poses, readout_s, args.camera_up,
+        track=args.track, surfels=args.surfels, labels=labels,
         loops=loop, ferns=args.ferns, relocalise=args.relocalise, graph=args.graph,
         moving=args.moving,
     )  # fmt: skip

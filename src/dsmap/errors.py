@@ -1,4 +1,4 @@
-"""The one error that means "your input is wrong", as opposed to "dsmap is wrong"."""
+"""The one error that means "your input is wrong", as opposed to "dsmap is wrong", and the warning that it may be."""
 
 
 class InputError(Exception):
@@ -7,3 +7,7 @@ class InputError(Exception):
     The message is one sentence that names the file, the value found and what was expected.
     The command line prints it without a traceback and exits with code 2.
     """
+
+
+class InputWarning(UserWarning):
+    """Input that can be worked with, though less well; the message says why, and what is done."""

@@ -21,13 +21,14 @@ _MIN_NORMALS = 50
 _PARALLEL = 4.0
 """Weight of a normal parallel to up against one of a wall: there are more walls than floor, and a depth camera's far
 walls lean (by 2.7 degrees against the floor in NYUv2), while heights need a floor that is level."""
-_FACES_UP = np.cos(np.deg2rad(25))
+FACES_UP = float(np.cos(np.deg2rad(25)))
+"""Cosine to up from which a normal counts as that of a floor."""
 _LEVEL_STEP = 0.05
 """Heights are counted in steps of this [m], two at a time."""
 _LEVEL_SHARE = 0.01
 """A level is one from this share of the points."""
-_NOT_A_TABLE = -0.9
-"""A floor in a single view lies at least this far below the camera [m]."""
+NOT_A_TABLE = 0.9
+"""What lies this far below the camera [m] is a floor; nearer levels may be tables and beds."""
 _CERTAIN = 0.1
 """From this share of normals that would disagree with any other up, it is the only choice."""
 _BY_CHANCE = 0.3
@@ -100,16 +101,27 @@ def estimate_floor(points: np.ndarray, normals: np.ndarray, up: np.ndarray) -> f
     rows = slice(step // 2, None, step)
     points, normals = points[rows, rows].reshape(-1, 3), normals[rows, rows].reshape(-1, 3)
     there = points[:, 2] > 0
-    heights, facing = points[there] @ up, normals[there] @ up > _FACES_UP
-    if len(heights) < _MIN_NORMALS:
+    if np.count_nonzero(there) < _MIN_NORMALS:
         return -CAMERA_HEIGHT
+    heights = points[there] @ up
+    level = lowest_level(heights, normals[there] @ up > FACES_UP)
+    if level is not None and level < -NOT_A_TABLE:
+        return level
+    return min(float(np.percentile(heights, 1)), -CAMERA_HEIGHT)
+
+
+def lowest_level(heights: np.ndarray, facing: np.ndarray) -> float | None:
+    """The lowest height that enough of the points which face up share [m]; None where there is none.
+
+    Args:
+        heights: of all points [m], shape (N,).
+        facing: which of them face up, bool, shape (N,).
+    """
     bins = np.floor(heights[facing] / _LEVEL_STEP).astype(np.int64)
     first = bins.min(initial=0)
     counts = np.bincount(bins - first, minlength=2)
     enough = np.flatnonzero(counts[:-1] + counts[1:] >= max(_LEVEL_SHARE * len(heights), _MIN_NORMALS / 2))
-    if len(enough):
-        edge = (first + enough[0] + 1) * _LEVEL_STEP
-        level = heights[facing & (np.abs(heights - edge) < 2 * _LEVEL_STEP)]
-        if (floor := float(np.median(level))) < _NOT_A_TABLE:
-            return floor
-    return min(float(np.percentile(heights, 1)), -CAMERA_HEIGHT)
+    if len(enough) == 0:
+        return None
+    edge = (first + enough[0] + 1) * _LEVEL_STEP
+    return float(np.median(heights[facing & (np.abs(heights - edge) < 2 * _LEVEL_STEP)]))
