@@ -12,6 +12,7 @@ from dsmap.classes import NUM_CLASSES, VOID
 from dsmap.errors import InputError
 from dsmap.frame import Frame, Intrinsics
 from dsmap.fusion.run_reader import Run, evenly_spread
+from dsmap.fusion.segment import segment_later
 from dsmap.fusion.segmenter import Segmenter
 from dsmap.kernels.camera import make_camera
 from dsmap.kernels.index_map import render_index
@@ -65,7 +66,11 @@ class MapRenderer:
 
 
 def evaluate_semantics(
-    run: Run, reference: Sequence, pairs: list[tuple[int, int]], segmenter: Segmenter | None, max_frames: int
+    run: Run,
+    reference: Sequence,
+    pairs: list[tuple[int, int]],
+    segmenter: Segmenter | None,
+    max_frames: int,
 ) -> dict[str, Any]:
     """Scores of the network and of the map over the labelled frames of the reference.
 
@@ -92,7 +97,11 @@ def evaluate_semantics(
     for i, j in labelled:
         try:
             truth = reference.label(j)
-            network = network_answer(segmenter, native.frame(j), reference.intrinsics) if segmenter else None
+            network = None
+            if segmenter:
+                frame = native.frame(j)
+                p = segment_later(segmenter, frame, run.poses[i], run.gravity, native.intrinsics, run.config)
+                network = at_size(p, reference.intrinsics)
         except InputError:
             continue  # a damaged frame has no truth to compare with
         if truth is None:
@@ -132,9 +141,8 @@ def run_size(run: Run, reference: Sequence) -> tuple[int, int]:
     return (int(size[0]), int(size[1])) if size else (own.width, own.height)
 
 
-def network_answer(segmenter: Segmenter, frame: Frame, camera: Intrinsics) -> np.ndarray | None:
-    """Class probabilities of a frame at the size of `camera`, shape (H, W, 13), or None."""
-    p = segmenter(frame)
+def at_size(p: np.ndarray | None, camera: Intrinsics) -> np.ndarray | None:
+    """Class probabilities (h, w, 14) at the size of `camera`, without void: shape (H, W, 13); None stays None."""
     return None if p is None else class_probabilities(resize_probabilities(p, camera.width, camera.height))
 
 

@@ -33,6 +33,7 @@ def write_ply(
     probabilities: np.ndarray | None = None,
     colour: Literal["rgb", "label"] = "rgb",
     min_weight: float = 0.0,
+    up: np.ndarray | None = None,
 ) -> int:
     """Write surfels as a binary little-endian PLY point cloud.
 
@@ -41,6 +42,7 @@ def write_ply(
         probabilities: class posterior, shape (N, 13), added as `prob_<class>`; or None.
         colour: what red, green, blue hold: the surfel's colour, or its class's colour of the palette.
         min_weight: surfels of a lower confidence are left out; dead ones (weight 0) always are.
+        up: which way is up in the world's frame, shape (3,), for a comment of the header; or None.
 
     Returns:
         The number of points written.
@@ -73,6 +75,8 @@ def write_ply(
         f"property {_PLY_NAMES[kind]} {name}" for name, kind in [*_FIELDS, *((n, "<f4") for n in names)]
     ]
     header = ["ply", "format binary_little_endian 1.0", "comment surfels by dsmap, metres, world frame"]
+    if up is not None:
+        header.append("comment up " + " ".join(f"{v:.6f}" for v in up))
     header += [f"element vertex {len(rows)}", *properties, "end_header"]
     with atomic_path(path) as temporary, temporary.open("wb") as file:
         file.write(("\n".join(header) + "\n").encode("ascii"))
@@ -98,6 +102,18 @@ def read_ply(path: Path | str) -> np.ndarray:
     if len(vertices) < count:
         raise InputError(f"{path} ends after {len(vertices)} vertices; its header promises {count}")
     return vertices
+
+
+def up_of_ply(path: Path | str) -> np.ndarray | None:
+    """Which way is up in the world's frame by the header of a `map.ply`, shape (3,); None where it does not say."""
+    with Path(path).open("rb") as file:
+        for line in iter(lambda: file.readline(256), b"end_header\n"):
+            words = line.decode("ascii", "replace").split()
+            if words[:2] == ["comment", "up"] and len(words) == 5:
+                return np.array([float(word) for word in words[2:]])
+            if not line:
+                break
+    return None
 
 
 def _read_header(file: Any, path: Path) -> tuple[np.dtype, int]:

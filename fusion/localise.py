@@ -7,7 +7,7 @@ from dsmap.fusion.config import MapConfig
 from dsmap.fusion.integrate import Integrator
 from dsmap.fusion.loop_record import LoopRecord
 from dsmap.fusion.mapper import Mapper
-from dsmap.fusion.segmenter import GeometrySegmenter, Segmenter
+from dsmap.fusion.segmenter import Segmenter
 from dsmap.fusion.step_result import StepResult
 from dsmap.kernels.types import FrameMaps
 
@@ -31,12 +31,7 @@ class Localiser(Mapper):
     The whole map is active: there is nothing newer that an old part could be compared with.
     """
 
-    def __init__(
-        self,
-        config: MapConfig,
-        intrinsics: Intrinsics,
-        segmenter: Segmenter | GeometrySegmenter | None = None,
-    ):
+    def __init__(self, config: MapConfig, intrinsics: Intrinsics, segmenter: Segmenter | None = None):
         super().__init__(config, intrinsics, segmenter)
         self.integrator = _Onlooker(config, self.views)
 

@@ -1,5 +1,6 @@
 """The main step of dsmap: a frame goes in, the pose and the labelled surfel map come out."""
 
+import copy
 import time
 from collections import defaultdict
 from collections.abc import Iterator
@@ -21,13 +22,13 @@ from dsmap.fusion.loop_record import LoopRecord, Moment
 from dsmap.fusion.motion import Motion
 from dsmap.fusion.moving import MovingThings, without
 from dsmap.fusion.pose_check import PoseCheck
-from dsmap.fusion.segmenter import GeometrySegmenter, Segmenter, wants_geometry
+from dsmap.fusion.segment import segment
+from dsmap.fusion.segmenter import Segmenter, wants_geometry
 from dsmap.fusion.semantics import Schedule
 from dsmap.fusion.shutter import at_once, put_right, rolling
 from dsmap.fusion.step_result import StepResult
 from dsmap.fusion.tracker import ModelView, Tracker
 from dsmap.fusion.trajectory import TrajectoryPoint, extrapolated
-from dsmap.fusion.upright import segment_upright
 from dsmap.fusion.views import Views, has_left, pyramid_cameras
 from dsmap.kernels.compact import Sweep
 from dsmap.kernels.culling import Blocks
@@ -53,12 +54,7 @@ class Mapper:
         InputError: the image is too small for the pyramid, or the device is not there.
     """
 
-    def __init__(
-        self,
-        config: MapConfig,
-        intrinsics: Intrinsics,
-        segmenter: Segmenter | GeometrySegmenter | None = None,
-    ):
+    def __init__(self, config: MapConfig, intrinsics: Intrinsics, segmenter: Segmenter | None = None):
         if min(intrinsics.width, intrinsics.height) < 32:
             raise InputError(
                 f"images of {intrinsics.width}x{intrinsics.height} are too small; expected at least 32x32"
@@ -173,8 +169,9 @@ class Mapper:
     @property
     def up(self) -> np.ndarray:
         """Which way is up in the world's frame, from the whole map so far: a unit vector, shape (3,)."""
-        self._look_for_up()
-        return self.T_world_camera[:3, :3] @ self.gravity.in_camera(self.T_world_camera)
+        now = copy.copy(self.gravity)  # looking at the map between two frames must not change what follows
+        now.update(self.surfels, self.config.surfels.stable_weight, self.trajectory)
+        return self.T_world_camera[:3, :3] @ now.in_camera(self.T_world_camera)
 
     @property
     def sweep(self) -> Sweep:
@@ -275,14 +272,9 @@ class Mapper:
         if self.segmenter is None or not self.schedule.due(self.T_world_camera):
             return None
         frame = put_right(frame, maps) if self.config.readout_s else frame
-        if not wants_geometry(self.segmenter):
-            return self.segmenter(frame)
-        self._look_for_up()
-        geometry = self.gravity.of_frame(self.T_world_camera, maps)
-        return segment_upright(self.segmenter, frame, geometry, self.gravity.in_camera(self.T_world_camera))
-
-    def _look_for_up(self) -> None:
-        self.gravity.update(self.surfels, self.config.surfels.stable_weight, self.trajectory)
+        if wants_geometry(self.segmenter):
+            self.gravity.update(self.surfels, self.config.surfels.stable_weight, self.trajectory)
+        return segment(self.segmenter, frame, maps, self.T_world_camera, self.gravity)
 
     def _view_is_old(self, result: StepResult) -> bool:
         """Whether the view is to be predicted anew: in its turn, where the camera has left it, and for loops."""

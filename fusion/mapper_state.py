@@ -16,7 +16,7 @@ from dsmap.kernels.types import SurfelMap
 METADATA = "state"
 """Key of the plain values in a checkpoint's metadata."""
 _VIEW = ("vertex", "normal", "colour")
-_FERNS, _STAGE, _MOVING, _MOTION, _GRAVITY = "ferns.", "stage.", "moving.", "motion.", "gravity."
+_FERNS, _STAGE, _MOVING, _MOTION, GRAVITY = "ferns.", "stage.", "moving.", "motion.", "gravity."
 
 
 def mapper_state(mapper: Mapper) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
@@ -39,7 +39,7 @@ def mapper_state(mapper: Mapper) -> tuple[dict[str, np.ndarray], dict[str, Any]]
         arrays["schedule.last"] = mapper.schedule.last
     arrays |= {_MOVING + name: array for name, array in mapper.moving.state().items()}
     arrays |= {_MOTION + name: array for name, array in mapper.motion.state().items()}
-    arrays |= {_GRAVITY + name: array for name, array in mapper.gravity.state().items()}
+    arrays |= {GRAVITY + name: array for name, array in mapper.gravity.state().items()}
     arrays |= {_STAGE + name: np.array(ms, dtype=np.float64) for name, ms in mapper.stages_ms.items()}
     closer = mapper.closer
     if closer is not None:
@@ -75,7 +75,7 @@ def restore(mapper: Mapper, surfels: SurfelMap, meta: dict[str, Any], where: str
         mapper.sweep.cursor = tuple(plain["sweep"])
         mapper.schedule.frames = plain["schedule_frames"]
         mapper.schedule.last = arrays.get("schedule.last")
-        for name, array in _part(arrays, _STAGE).items():
+        for name, array in part_of(arrays, _STAGE).items():
             mapper.stages_ms[name] = array.tolist()
         if "view.T_world_camera" in arrays:
             for name in _VIEW:
@@ -84,8 +84,8 @@ def restore(mapper: Mapper, surfels: SurfelMap, meta: dict[str, Any], where: str
         if "tracker.intensity" in arrays:
             intensity = wp.array(arrays["tracker.intensity"], dtype=wp.float32, device=mapper.device)
             mapper.tracker.remember(intensity)
-        mapper.moving.set_state(_part(arrays, _MOVING))
-        mapper.motion.set_state(_part(arrays, _MOTION))
+        mapper.moving.set_state(part_of(arrays, _MOVING))
+        mapper.motion.set_state(part_of(arrays, _MOTION))
     except (KeyError, TypeError, ValueError, RuntimeError) as error:
         raise InputError(f"{where}: does not fit ({error}); expected a whole dsmap checkpoint") from error
 
@@ -118,7 +118,7 @@ def _restore_map(mapper: Mapper, surfels: SurfelMap, meta: dict[str, Any]) -> No
     """Surfels, keyframes, loops, trajectory, frame number."""
     arrays, plain = meta["arrays"], meta["plain"]
     mapper.adopt(surfels)
-    mapper.gravity.load_state(_part(arrays, _GRAVITY))
+    mapper.gravity.load_state(part_of(arrays, GRAVITY))
     points = zip(meta["times"], meta["poses"], meta["tracked"], meta["depth_times"], strict=True)
     mapper.trajectory[:] = [
         TrajectoryPoint(float(time), T, bool(tracked), None if np.isnan(depth_time) else float(depth_time))
@@ -128,7 +128,7 @@ def _restore_map(mapper: Mapper, surfels: SurfelMap, meta: dict[str, Any]) -> No
     closer = mapper.closer
     if closer is None:
         return
-    closer.ferns = FernDatabase.from_state(mapper.config.ferns, closer.ferns.size, _part(arrays, _FERNS))
+    closer.ferns = FernDatabase.from_state(mapper.config.ferns, closer.ferns.size, part_of(arrays, _FERNS))
     closer.closed.points, closer.closed.times = arrays["closed.points"], arrays["closed.times"]
     closer.verified, closer.refused = plain["verified"], plain["refused"]
     closer.sightings.seen = [(time, np.array(T)) for time, T in plain.get("sightings", [])]
@@ -138,6 +138,6 @@ def _restore_map(mapper: Mapper, surfels: SurfelMap, meta: dict[str, Any]) -> No
     ]
 
 
-def _part(arrays: dict[str, np.ndarray], prefix: str) -> dict[str, np.ndarray]:
+def part_of(arrays: dict[str, np.ndarray], prefix: str) -> dict[str, np.ndarray]:
     """The arrays whose names begin with a prefix, without it."""
     return {name.removeprefix(prefix): a for name, a in arrays.items() if name.startswith(prefix)}

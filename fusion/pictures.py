@@ -46,6 +46,7 @@ class Overview:
         poses: np.ndarray,
         min_weight: float = 0.0,
         size: tuple[int, int] = SIZE,
+        up: np.ndarray | None = None,
     ) -> None:
         """Pick the view and render it.
 
@@ -53,13 +54,14 @@ class Overview:
             surfels: the map; must hold a surfel of `min_weight`.
             poses: T_world_camera of the frames, shape (M, 4, 4).
             size: width and height of the pictures [px].
+            up: in the world's frame, shape (3,); None: by normals and poses.
         """
         self.arrays = surfels.numpy()
         self.size = size
         width, height = size[0] * _SUPERSAMPLE, size[1] * _SUPERSAMPLE
         kept = self.arrays["weight"] >= max(min_weight, 1e-6)
         chosen = {name: self.arrays[name][kept] for name in ("position", "normal", "radius")}
-        self.view = overview(chosen, poses, width, height)
+        self.view = overview(chosen, poses, width, height, up=up)
         self.rendering = render(surfels, self.view, min_weight)
 
     def picture(self, colours: np.ndarray, shading: float, path: np.ndarray | None = None) -> np.ndarray:
@@ -96,13 +98,20 @@ def shown_weight(weight: np.ndarray, min_weight: float) -> float:
     return min_weight if (weight >= min_weight).sum() >= (weight > 0).sum() / 3 else 0.0
 
 
-def write_views(folder: Path, surfels: SurfelMap, poses: np.ndarray, min_weight: float = 0.0) -> list[Path]:
+def write_views(
+    folder: Path,
+    surfels: SurfelMap,
+    poses: np.ndarray,
+    min_weight: float = 0.0,
+    up: np.ndarray | None = None,
+) -> list[Path]:
     """Write `map_colour.png`, `map_label.png`, `map_confidence.png` and `map_time.png`.
 
     Args:
         surfels: the map; nothing is written if it has no surfel.
         poses: T_world_camera of the frames, shape (M, 4, 4).
         min_weight: surfels of a lower confidence are left out, unless that leaves less than a third.
+        up: in the world's frame, shape (3,); None: by normals and poses.
 
     Returns:
         The files written; `map_label.png` only if some surfel has a label.
@@ -111,7 +120,7 @@ def write_views(folder: Path, surfels: SurfelMap, poses: np.ndarray, min_weight:
     if not (weight > 0).any():
         return []
     min_weight = shown_weight(weight, min_weight)
-    scene = Overview(surfels, poses, min_weight)
+    scene = Overview(surfels, poses, min_weight, up=up)
     arrays, path = scene.arrays, poses[:, :3, 3]
     paths = [folder / "map_colour.png"]
     figures.save_image(paths[0], scene.picture(_rgb(arrays), 0.35, path))
@@ -174,6 +183,7 @@ def write_trajectory_picture(
     normal: np.ndarray,
     trajectory: Sequence["TrajectoryPoint"],
     reference: Sequence[np.ndarray | None] | None = None,
+    up: np.ndarray | None = None,
 ) -> None:
     """Write the camera path from above and from the side, the reference's path aligned to it (SE(3)).
 
@@ -181,9 +191,10 @@ def write_trajectory_picture(
         normal: surfel normals, shape (N, 3); with the cameras they tell which way is up.
         trajectory: at least one point.
         reference: reference pose of each point, T_world_camera or None; or None if there is no reference.
+        up: in the world's frame, shape (3,); None: by normals and poses.
     """
     poses = np.array([point.T_world_camera for point in trajectory])
-    axes = level_axes(normal, up_direction(normal, poses))
+    axes = level_axes(normal, up_direction(normal, poses) if up is None else up)
     centres = poses[:, :3, 3]
     length = float(np.linalg.norm(np.diff(centres, axis=0), axis=1).sum())
     lost = np.array([not point.tracked for point in trajectory])
@@ -207,6 +218,7 @@ def write_pictures(
     strip_frames: Sequence[StripFrame],
     reference_trajectory: Sequence[np.ndarray | None] | None = None,
     stable_weight: float = 10.0,
+    up: np.ndarray | None = None,
 ) -> list[Path]:
     """Write all pictures of a run into `run_dir/pictures`: the map, the trajectory, the strip.
 
@@ -217,6 +229,7 @@ def write_pictures(
         strip_frames: a few frames over the sequence; may be empty.
         reference_trajectory: reference pose of each point of the trajectory, T_world_camera or None.
         stable_weight: surfels below this confidence are left out of the overviews.
+        up: in the world's frame, shape (3,); None: by normals and poses.
 
     Returns:
         The files written.
@@ -226,10 +239,10 @@ def write_pictures(
     """
     folder = Path(run_dir) / "pictures"
     poses = np.array([point.T_world_camera for point in trajectory], dtype=np.float64).reshape(-1, 4, 4)
-    written = write_views(folder, surfels, poses, stable_weight)
+    written = write_views(folder, surfels, poses, stable_weight, up)
     if len(poses):
         written.append(folder / "trajectory.png")
-        write_trajectory_picture(written[-1], surfels.numpy()["normal"], trajectory, reference_trajectory)
+        write_trajectory_picture(written[-1], surfels.numpy()["normal"], trajectory, reference_trajectory, up)
     if strip_frames:
         written.append(folder / "strip.png")
         write_strip(written[-1], surfels, intrinsics, strip_frames)

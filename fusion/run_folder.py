@@ -33,8 +33,8 @@ def save_run(
     """
     surfels = mapper.surfels.numpy()
     probabilities = mapper.probabilities() if with_probabilities else None
-    write_ply(run_dir / "map.ply", surfels, probabilities=probabilities)
-    write_ply(run_dir / "labels.ply", surfels, colour="label")
+    write_ply(run_dir / "map.ply", surfels, probabilities=probabilities, up=mapper.up)
+    write_ply(run_dir / "labels.ply", surfels, colour="label", up=mapper.up)
     points = _points(mapper)
     stamps = [point.time for point in points]
     write_trajectory(run_dir / "trajectory.txt", list(zip(stamps, at_colour_stamps(points), strict=True)))

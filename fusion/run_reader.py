@@ -9,8 +9,11 @@ import numpy as np
 import yaml
 
 from dsmap.errors import InputError
+from dsmap.frame import Intrinsics
 from dsmap.fusion.checkpoint import load_map
 from dsmap.fusion.config import MapConfig
+from dsmap.fusion.gravity import MapGravity
+from dsmap.fusion.mapper_state import GRAVITY, part_of
 from dsmap.kernels.types import SurfelMap
 from dsmap.sequences import Sequence
 from dsmap.sequences.associate import associate
@@ -29,6 +32,8 @@ class Run:
     """Estimated T_world_camera, shape (M, 4, 4); a lost frame carries the last pose."""
     tracked: np.ndarray
     """bool, shape (M,)."""
+    gravity: MapGravity
+    """Up and the floor of the map."""
     settings: dict[str, Any]
     """config.yaml: `sequence`, `map`, `segmenter`; empty if there is none."""
     stats: dict[str, Any]
@@ -49,8 +54,10 @@ def load_run(path: Path | str, device: Any = "cpu") -> Run:
     surfels, meta = load_map(folder / "checkpoint.safetensors", device)
     first = meta["plain"]["first_frame"]  # frames before belong to an earlier recording
     times, poses, tracked = (meta[name][first:] for name in ("times", "poses", "tracked"))
+    gravity = MapGravity(Intrinsics(**meta["intrinsics"]), meta["config"].camera_up)
+    gravity.load_state(part_of(meta["arrays"], GRAVITY))
     return Run(
-        folder, surfels, meta["config"], times, poses, tracked.astype(bool),
+        folder, surfels, meta["config"], times, poses, tracked.astype(bool), gravity,
         settings=_read(folder / "config.yaml", yaml.safe_load, yaml.YAMLError),
         stats=_read(folder / "stats.json", json.loads, json.JSONDecodeError),
         loops=_read(folder / "loops.json", json.loads, json.JSONDecodeError).get("loops"),

@@ -1,6 +1,6 @@
 """What the mapper needs of a network: class probabilities for a frame."""
 
-from typing import Protocol
+from typing import Protocol, TypeGuard
 
 import numpy as np
 
@@ -8,7 +8,7 @@ from dsmap.frame import Frame, FrameGeometry
 
 
 class Segmenter(Protocol):
-    """Anything that labels a frame. `dsmap.fusion` knows no network: it takes one of these, or a GeometrySegmenter."""
+    """Anything that labels a frame. `dsmap.fusion` knows no network: it takes one of these."""
 
     def __call__(self, frame: Frame) -> np.ndarray | None:
         """Class probabilities of a frame.
@@ -39,6 +39,6 @@ class GeometrySegmenter(Protocol):
         ...
 
 
-def wants_geometry(segmenter: Segmenter | GeometrySegmenter | None) -> bool:
+def wants_geometry(segmenter: Segmenter | None) -> TypeGuard[GeometrySegmenter]:
     """Whether it is to be called with a frame and its geometry."""
     return bool(getattr(segmenter, "wants_geometry", False))

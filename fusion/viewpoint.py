@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dsmap.frame import Intrinsics
+from dsmap.gravity import estimate_up
 
 _FOV_DEG = 32.0
 """Vertical field of view of virtual cameras: narrow, so that a room is drawn with little distortion."""
@@ -30,20 +31,13 @@ class View:
 def up_direction(normal: np.ndarray, poses: np.ndarray) -> np.ndarray:
     """The world's up direction, a unit vector, shape (3,).
 
-    Cameras are held upright on average, so the mean of their -y axes is near it; the surfel normals within
-    35 degrees of that (floor, table tops, beds) then settle the exact direction.
+    Cameras are held upright on average, so the search begins at the mean of their -y axes.
 
     Args:
         normal: surfel normals, shape (N, 3).
         poses: T_world_camera of the frames, shape (M, 4, 4).
     """
-    up = _unit(-poses[:, :3, 1].mean(axis=0)) if len(poses) else np.array([0.0, 0.0, 1.0])
-    for degrees in (35, 20, 10, 5):
-        near = normal[normal @ up > np.cos(np.radians(degrees))]
-        if len(near) < max(100, 0.005 * len(normal)):
-            break
-        up = _unit(near.mean(axis=0))
-    return up
+    return estimate_up(normal, -poses[:, :3, 1].mean(axis=0) if len(poses) else (0.0, 0.0, 1.0)).direction
 
 
 def level_axes(normal: np.ndarray, up: np.ndarray) -> np.ndarray:
@@ -62,7 +56,12 @@ def level_axes(normal: np.ndarray, up: np.ndarray) -> np.ndarray:
 
 
 def overview(
-    surfels: dict[str, np.ndarray], poses: np.ndarray, width: int, height: int, elevation_deg: float = 42.0
+    surfels: dict[str, np.ndarray],
+    poses: np.ndarray,
+    width: int,
+    height: int,
+    elevation_deg: float = 42.0,
+    up: np.ndarray | None = None,
 ) -> View:
     """A camera outside the map, above and obliquely to the walls, from where most surface is seen.
 
@@ -70,14 +69,15 @@ def overview(
 
     Args:
         surfels: position, normal and radius of N > 0 surfels, by name.
-        poses: T_world_camera of the frames, shape (M, 4, 4); tells which way is up.
+        poses: T_world_camera of the frames, shape (M, 4, 4).
         width, height: image size [px].
+        up: in the world's frame, shape (3,); None: by `up_direction`.
     """
     rows = np.linspace(0, len(surfels["position"]) - 1, min(_SAMPLE, len(surfels["position"]))).astype(int)
     position = surfels["position"][rows].astype(np.float64)
     normal = surfels["normal"][rows].astype(np.float64)
     area = surfels["radius"][rows].astype(np.float64) ** 2
-    up = up_direction(normal, poses)
+    up = up_direction(normal, poses) if up is None else up
     axes = level_axes(normal, up)
     elevation = np.radians(elevation_deg)
     behind = -poses[:, :3, 2].mean(axis=0) if len(poses) else np.zeros(3)

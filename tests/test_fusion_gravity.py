@@ -11,8 +11,11 @@ from dsmap.errors import InputWarning
 from dsmap.frame import Frame, FrameGeometry
 from dsmap.fusion.checkpoint import load_map, save_map
 from dsmap.fusion.config import MapConfig
+from dsmap.fusion.export import up_of_ply
 from dsmap.fusion.mapper import Mapper
 from dsmap.fusion.mapper_state import restore
+from dsmap.fusion.run_reader import load_run
+from dsmap.fusion.segment import segment_later
 
 
 class Curious:
@@ -141,3 +144,29 @@ def test_a_robot_sees_its_wide_floor_from_near(no_warnings):
     mapper = Mapper(MapConfig(depth_max=8.0, poses="given"), CAMERA, Curious())
     mapper.step(replace(frame(0, R), depth=points[..., 2].astype(np.float32)))
     assert mapper.gravity.floor == pytest.approx(-0.5, abs=0.02)
+
+
+def test_a_run_says_which_way_is_up(tmp_path):
+    mapper, _ = mapped(3)
+    mapper.save(tmp_path)
+    up = up_of_ply(tmp_path / "map.ply")
+    np.testing.assert_allclose(up, mapper.up, atol=1e-5)
+    np.testing.assert_array_equal(load_run(tmp_path).gravity.up, mapper.gravity.up)
+
+
+def test_a_frame_of_a_finished_map_is_shown_as_it_was_then():
+    mapper, segmenter = mapped(3)
+    then = segmenter.seen[-1][1]
+    last = frame(2, turned(19, 0))
+    segment_later(segmenter, last, last.T_world_camera, mapper.gravity, CAMERA, mapper.config)
+    np.testing.assert_array_equal(segmenter.seen[-1][1].channels, then.channels)
+
+
+def test_asking_for_up_changes_nothing():
+    mapper, _ = mapped(3)
+    before = mapper.gravity.state()
+    mapper.gravity._looked -= 15
+    assert mapper.up is not None
+    mapper.gravity._looked += 15
+    for name, value in mapper.gravity.state().items():
+        np.testing.assert_array_equal(value, before[name])

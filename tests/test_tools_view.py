@@ -67,7 +67,7 @@ def test_cloud_selects_and_thins_out(run_dir):
     pytest.importorskip("viser")
     from dsmap.tools.viewer import MODES, Cloud
 
-    arrays, poses = read_run(run_dir)
+    arrays, poses, _ = read_run(run_dir)
     assert poses.shape == (30, 4, 4)
     cloud = Cloud(arrays, 1000)
     assert len(cloud) == 1000
@@ -95,7 +95,7 @@ def test_page_in_a_headless_browser(run_dir, tmp_path):
     pytest.importorskip("viser")
     from dsmap.tools.viewer import Cloud, MapViewer
 
-    arrays, poses = read_run(run_dir)
+    arrays, poses, _ = read_run(run_dir)
     viewer = MapViewer(Cloud(arrays, 100_000), poses, 0, "127.0.0.1", _free_port(), "test")
     try:
         with _browser(chromium, tmp_path, viewer.server.get_port()) as page:

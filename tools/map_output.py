@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from dsmap.fusion.run_folder import config_values, save_run, statistics, write_json, write_yaml
+from dsmap.fusion.segment import segment_later
 from dsmap.sequences import Sequence
 from dsmap.tools.map_run import Run
 from dsmap.tools.segmenters import SegmenterSpec
@@ -40,14 +41,23 @@ def draw(out: Path, state: Run, sequence: Sequence) -> None:
     mapper, strip = state.mapper, []
     for position, result in state.shown:
         frame = sequence.frame(position)
-        probabilities = mapper.segmenter(frame) if mapper.segmenter and result.tracked else None
+        probabilities = None
+        if mapper.segmenter and result.tracked:
+            probabilities = segment_later(
+                mapper.segmenter,
+                frame,
+                result.T_world_camera,
+                mapper.gravity,
+                mapper.intrinsics,
+                mapper.config,
+            )
         predicted = (
             None if probabilities is None else (probabilities[..., 1:].argmax(-1) + 1).astype(np.uint8)
         )
         strip.append(StripFrame(frame, result.T_world_camera, predicted))
     reference = [sequence.T_world_camera(i) for i in range(len(sequence))]
     points = mapper.trajectory[mapper.first_frame :]
-    write_pictures(out, mapper.surfels, points, sequence.intrinsics, strip, reference)
+    write_pictures(out, mapper.surfels, points, sequence.intrinsics, strip, reference, up=mapper.up)
 
 
 def report(state: Run, out: Path) -> None:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from dsmap.errors import InputError
-from dsmap.fusion.segmenter import GeometrySegmenter, Segmenter
+from dsmap.fusion.segmenter import Segmenter
 from dsmap.fusion.semantics import GroundTruthSegmenter, Noise
 
 
@@ -28,7 +28,7 @@ class SegmenterSpec:
     """What runs the network: torch, onnx (ONNX Runtime, CPU), or auto: the faster one that is installed."""
 
 
-def make_segmenter(spec: SegmenterSpec, device: str = "cpu") -> Segmenter | GeometrySegmenter | None:
+def make_segmenter(spec: SegmenterSpec, device: str = "cpu") -> Segmenter | None:
     """Build the segmenter that a spec names; None for `none`.
 
     Raises:

@@ -8,7 +8,7 @@ import numpy as np
 import tyro
 
 from dsmap.errors import InputError
-from dsmap.fusion.export import read_ply, surfels_of_ply
+from dsmap.fusion.export import read_ply, surfels_of_ply, up_of_ply
 from dsmap.sequences.associate import pose_matrix
 from dsmap.sequences.tum import read_poses
 
@@ -36,13 +36,15 @@ def main(args: Args) -> int:
         raise InputError(f"--port is {args.port}; expected 1 to 65535")
     if args.max_points < 1:
         raise InputError(f"--max-points is {args.max_points}; expected at least 1")
-    arrays, poses = read_run(args.run)
+    arrays, poses, up = read_run(args.run)
     if args.png is not None:
-        return _draw(args, arrays, poses)
+        return _draw(args, arrays, poses, up)
     from dsmap.tools.viewer import Cloud, MapViewer
 
     cloud = Cloud(arrays, args.max_points)
-    viewer = MapViewer(cloud, poses, args.min_confidence, args.host, args.port, args.run.resolve().name)
+    viewer = MapViewer(
+        cloud, poses, args.min_confidence, args.host, args.port, args.run.resolve().name, up=up
+    )
     port = viewer.server.get_port()
     print(f"{args.run}: {len(arrays['weight']):,} surfels, {len(cloud):,} of them sent to the browser")
     print(f"open http://localhost:{port}   (Ctrl-C ends)")
@@ -55,8 +57,8 @@ def main(args: Args) -> int:
     return 0
 
 
-def read_run(run: Path) -> tuple[dict[str, np.ndarray], np.ndarray]:
-    """The surfels and the poses (M, 4, 4) of a RUN folder.
+def read_run(run: Path) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray | None]:
+    """The surfels, the poses (M, 4, 4) and, where the map says it, up (3,) of a RUN folder.
 
     Raises:
         InputError: it is not a RUN folder, or its map has no surfel.
@@ -68,10 +70,11 @@ def read_run(run: Path) -> tuple[dict[str, np.ndarray], np.ndarray]:
     if len(arrays["weight"]) == 0:
         raise InputError(f"{run / 'map.ply'} holds no surfels; there is nothing to show")
     _, vectors = read_poses(run / "trajectory.txt", [])
-    return arrays, np.array([pose_matrix(vector) for vector in vectors]).reshape(-1, 4, 4)
+    poses = np.array([pose_matrix(vector) for vector in vectors]).reshape(-1, 4, 4)
+    return arrays, poses, up_of_ply(run / "map.ply")
 
 
-def _draw(args: Args, arrays: dict[str, np.ndarray], poses: np.ndarray) -> int:
+def _draw(args: Args, arrays: dict[str, np.ndarray], poses: np.ndarray, up: np.ndarray | None) -> int:
     from dsmap.fusion.pictures import write_views
     from dsmap.kernels.types import SurfelMap
 
@@ -81,6 +84,6 @@ def _draw(args: Args, arrays: dict[str, np.ndarray], poses: np.ndarray) -> int:
     target = surfels.numpy()
     for name, values in arrays.items():
         target[name][:] = values
-    for path in write_views(args.png, surfels, poses, args.min_confidence):
+    for path in write_views(args.png, surfels, poses, args.min_confidence, up):
         print(path)
     return 0

@@ -60,7 +60,14 @@ class MapViewer:
     """Serves a map until `server.stop()`."""
 
     def __init__(
-        self, cloud: Cloud, poses: np.ndarray, min_confidence: float, host: str, port: int, title: str
+        self,
+        cloud: Cloud,
+        poses: np.ndarray,
+        min_confidence: float,
+        host: str,
+        port: int,
+        title: str,
+        up: np.ndarray | None = None,
     ) -> None:
         """Start the server.
 
@@ -70,11 +77,12 @@ class MapViewer:
             min_confidence: first value of the confidence threshold.
             host, port: where to listen; the next free port is taken if this one is in use.
             title: title of the page.
+            up: in the world's frame, shape (3,); None: by normals and poses.
         """
         self.cloud = cloud
         shown = self.cloud.arrays
-        self.up = up_direction(shown["normal"], poses)
-        self.view = overview(shown, poses, 1280, 960)
+        self.up = up_direction(shown["normal"], poses) if up is None else up
+        self.view = overview(shown, poses, 1280, 960, up=self.up)
         self.eye = self.view.T_world_camera[:3, 3]
         with contextlib.redirect_stdout(io.StringIO()):  # its banner: the caller says where to look
             self.server = viser.ViserServer(host=host, port=port, label=f"dsmap: {title}", verbose=False)
