@@ -6,6 +6,9 @@ from typing import Literal
 from dsmap.classes import NUM_CLASSES
 from dsmap.errors import InputError
 
+GEOMETRY_CHANNELS = 4
+"""Inverse depth, angle to the vertical, height above the floor, and where they are known (`kernels.geometry`)."""
+
 
 @dataclass(frozen=True)
 class DSNetConfig:
@@ -77,7 +80,38 @@ class LibraryNetConfig:
             )
 
 
-NetConfig = DSNetConfig | DeconvNetConfig | LibraryNetConfig
+@dataclass(frozen=True)
+class DSNetPConfig:
+    """DS-Net's decoder on an encoder that was pre-trained on ImageNet."""
+
+    encoder: Literal["lite0", "lite1", "lite2"] = "lite0"
+    """Which EfficientNet-Lite."""
+    widths: tuple[int, int, int, int, int] = (128, 96, 80, 64, 48)
+    """Channels of the decoder at 1/32, 1/16, 1/8, 1/4 and 1/2 of the size."""
+    dropout: float = 0.1
+    """Dropout of whole feature maps before the last convolution."""
+    classes: int = NUM_CLASSES
+    """Output channels: void and the classes of the data."""
+    channels: int = 3 + GEOMETRY_CHANNELS
+    """Input channels: 3 (RGB) or 7 (RGB and geometry)."""
+
+    def __post_init__(self) -> None:
+        if self.encoder not in ("lite0", "lite1", "lite2"):
+            raise InputError(f"dsnet-p: encoder is {self.encoder!r}, expected lite0, lite1 or lite2")
+        if self.channels not in (3, 3 + GEOMETRY_CHANNELS):
+            raise InputError(f"dsnet-p: channels is {self.channels}, expected 3 (RGB) or 7 (RGB and geometry)")
+        if len(self.widths) != 5 or min(*self.widths, self.classes) < 1 or max(self.widths) > 4096:
+            raise InputError(f"dsnet-p: expected 5 widths and classes from 1 to 4096, found {self}")
+        if not 0 <= self.dropout < 1:
+            raise InputError(f"dsnet-p: dropout is {self.dropout}, expected 0 <= dropout < 1")
+
+    @property
+    def geometry(self) -> bool:
+        """Whether the network reads geometry."""
+        return self.channels > 3
+
+
+NetConfig = DSNetConfig | DSNetPConfig | DeconvNetConfig | LibraryNetConfig
 """Every network has `classes` and `channels`, and gives logits at half the size of its input."""
 
 DSNETS: dict[str, DSNetConfig] = {
