@@ -9,6 +9,12 @@ from dsmap.dsnet.datasets.base import Example
 
 _GREY = (127, 127, 127)
 """Colour outside the image: zero for the network (see `to_input`)."""
+_NOISE = (0.15, 0.25, 0.15)
+"""Largest spread of noise in inverse depth, cosine and height, in units of the channels."""
+_FLOOR_ERROR = 0.15
+"""Spread of the error of the floor's height, in units of the channel (0.8 m)."""
+_FARTHEST = (-1.4, -0.45)
+"""Inverse depth at which a far limit may lie, in units of the channel: 10 m to 3 m."""
 _TO_GREY = np.full((3, 3), 1 / 3, np.float32)
 
 
@@ -22,8 +28,8 @@ def augment(
 
     Returns:
         rgb, uint8 (height, width, 3); its labels at half that size (the network's output), uint8
-        (height / 2, width / 2), void outside the given image; depth, float32 (height, width), 0 there. A
-        zoom makes things as much nearer as they look larger.
+        (height / 2, width / 2), void outside the given image; geometry, float16 (height, width, 4), 0 there.
+        Geometry is metric: a zoom crops it and changes no value.
     """
     rgb = example.rgb
     source = (rgb.shape[1], rgb.shape[0])
@@ -36,11 +42,48 @@ def augment(
     if rng.random() < config.noise:
         noise = rng.standard_normal(image.shape, dtype=np.float32) * rng.uniform(2, 12)
         image = np.clip(image + noise, 0, 255).astype(np.uint8)
-    if example.depth is None:
+    if example.geometry is None:
         return Example(image, labels)
-    fit = (size[0] / source[0]) * (size[1] / source[1])
-    zoom = np.sqrt(abs(np.linalg.det(A[:2, :2])) / fit)
-    return Example(image, labels, _warp_nearest(example.depth, A, size) / np.float32(zoom))
+    seen = _warp_nearest(example.geometry.astype(np.float32), A, size)
+    return Example(image, labels, degrade_geometry(seen, config, rng).astype(np.float16))
+
+
+def degrade_geometry(geometry: np.ndarray, config: AugmentConfig, rng: np.random.Generator) -> np.ndarray:
+    """Geometry as a worse camera would give it: none, with holes, with noise, above a floor that is not quite right.
+
+    Args:
+        geometry: float32, shape (H, W, 4), changed.
+    """
+    if rng.random() < config.drop_geometry:
+        return np.zeros_like(geometry)
+    there = geometry[..., 3]
+    if rng.random() < config.geometry_noise:
+        small = rng.standard_normal((there.shape[0] // 4, there.shape[1] // 4, 3)).astype(np.float32)
+        noise = cv2.resize(small, there.shape[::-1], interpolation=cv2.INTER_LINEAR)
+        geometry[..., :3] += noise * (rng.random(3) * _NOISE).astype(np.float32)
+        geometry[..., 2] += rng.normal(0, _FLOOR_ERROR)
+        geometry *= there[..., None]
+    if rng.random() < config.holes:
+        geometry *= _hole_mask(geometry, rng)[..., None]
+    return geometry
+
+
+def _hole_mask(geometry: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """0 in holes, 1 elsewhere, float32 (H, W): patches, edges of things, what is further than some distance."""
+    height, width = geometry.shape[:2]
+    keep = np.ones((height, width), np.float32)
+    nearest_kept = geometry[..., 0] > rng.uniform(*_FARTHEST)  # inverse depth falls with distance
+    if rng.random() < 0.7:
+        keep *= nearest_kept
+    cells = rng.integers(3, 24)
+    patches = rng.random((cells, cells + cells // 3)).astype(np.float32)
+    patches = cv2.resize(patches, (width, height), interpolation=cv2.INTER_CUBIC)
+    keep[patches < rng.uniform(-0.2, 0.45)] = 0
+    if rng.random() < 0.5:
+        edges = np.abs(np.diff(geometry[..., 0], axis=1, append=geometry[:, -1:, 0])) > 0.2
+        side = int(rng.integers(3, 9))
+        keep[cv2.dilate(edges.astype(np.uint8), np.ones((side, side), np.uint8)) > 0] = 0
+    return keep
 
 
 def _warp_nearest(values: np.ndarray, A: np.ndarray, size: tuple[int, int]) -> np.ndarray:

@@ -4,13 +4,14 @@ import json
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
+import numpy as np
 import safetensors
 import torch
 from safetensors.torch import save_file
 from torch import Tensor, nn
 
 from dsmap.classes import CLASS_NAMES
-from dsmap.dsnet.config import DeconvNetConfig, DSNetConfig, LibraryNetConfig, NetConfig
+from dsmap.dsnet.config import DeconvNetConfig, DSNetConfig, DSNetPConfig, LibraryNetConfig, NetConfig
 from dsmap.dsnet.nets import build
 from dsmap.errors import InputError
 from dsmap.files import atomic_path
@@ -22,7 +23,17 @@ SHIPPED = {
 """Weights that come with dsmap; wherever a file is asked for, the name does."""
 WEIGHTS_FORMAT = "dsmap.dsnet"
 TRAINING_FORMAT = "dsmap.dsnet.training"
-_KINDS: dict[str, type] = {"dsnet": DSNetConfig, "deconvnet": DeconvNetConfig, "library": LibraryNetConfig}
+_KINDS: dict[str, type] = {
+    "dsnet": DSNetConfig,
+    "dsnet-p": DSNetPConfig,
+    "deconvnet": DeconvNetConfig,
+    "library": LibraryNetConfig,
+}
+    "dsnet": DSNetConfig,
+    "dsnet-p": DSNetPConfig,
+    "deconvnet": DeconvNetConfig,
+    "library": LibraryNetConfig,
+}
 """`kind` in a header to the class of its configuration; a header without it is of a DS-Net."""
 
 
@@ -36,8 +47,29 @@ class WeightsInfo:
     temperature: float = 1.0
     """Logits are divided by it before the softmax (calibrated on the validation set)."""
     class_names: tuple[str, ...] = CLASS_NAMES
+    prior: float = 0.0
+    """Class prior of the probabilities: 0 as frequent as in the training data, 1 all alike."""
+    shares: tuple[float, ...] = ()
+    """How frequent each class was in the training data, void 0; (): unknown, and `prior` has no effect."""
+    balance: tuple[float, ...] = ()
+    """Weight of each class in the training's loss."""
     notes: dict = field(default_factory=dict)
     """How it was trained and how it validated; for people, read by nothing."""
+
+    def offset(self) -> np.ndarray:
+        """What is added to the logits for the wanted prior (Menon et al. 2021), float32, shape (classes,).
+
+        The network gives logits of a posterior whose prior q is share times loss weight; the wanted prior is
+        share^(1 - prior): offset = (1 - prior) log share - log q. Classes never seen have 0.
+        """
+        share = np.array(self.shares or np.zeros(len(self.class_names)))
+        seen = share > 0
+        found = np.zeros(len(share), np.float32)
+        if seen.any():
+            trained = np.log(share[seen] * np.array(self.balance)[seen])
+            found[seen] = (1 - self.prior) * np.log(share[seen]) - trained
+            found[seen] -= (share[seen] * found[seen]).sum()  # void is where it was
+        return found
 
 
 def save_tensors(path: Path, tensors: dict[str, Tensor], file_format: str, header: dict) -> None:
@@ -96,6 +128,9 @@ def load_weights(
             size=(int(header["size"][0]), int(header["size"][1])),
             temperature=float(header["temperature"]),
             class_names=tuple(header["class_names"]),
+            prior=float(header.get("prior", 0.0)),
+            shares=tuple(float(value) for value in header.get("shares", ())),
+            balance=tuple(float(value) for value in header.get("balance", ())),
             notes=dict(header["notes"]),
         )
     except (KeyError, TypeError, ValueError, IndexError) as error:
@@ -105,6 +140,10 @@ def load_weights(
     if any(side < 32 or side % 32 for side in info.size) or not info.temperature > 0:
         raise InputError(
             f"{path}: size {info.size} and temperature {info.temperature}, expected multiples of 32 and > 0"
+        )
+    if info.shares and not len(info.shares) == len(info.balance) == len(info.class_names):
+        raise InputError(
+            f"{path}: shares and balance of other classes, expected {len(info.class_names)} of each"
         )
     model = build(info.config)
     load_state(model, tensors, path)

@@ -29,11 +29,11 @@ class DSNetConfig:
     classes: int = NUM_CLASSES
     """Output channels: void and the classes of the data."""
     channels: int = 3
-    """Input channels: 3 (RGB) or 4 (RGB and inverse depth)."""
+    """Input channels: 3 (RGB) or 7 (RGB and geometry)."""
 
     def __post_init__(self) -> None:
-        if self.channels not in (3, 4):
-            raise InputError(f"DS-Net: channels is {self.channels}, expected 3 (RGB) or 4 (RGB-D)")
+        if self.channels not in (3, 3 + GEOMETRY_CHANNELS):
+            raise InputError(f"DS-Net: channels is {self.channels}, expected 3 (RGB) or 7 (RGB and geometry)")
         if self.stem_convs not in (1, 3):
             raise InputError(f"DS-Net: stem_convs is {self.stem_convs}, expected 1 or 3")
         if len(self.widths) != 4 or any(len(pair) != 4 for pair in zip(*self.blocks, strict=True)):
@@ -60,8 +60,8 @@ class DeconvNetConfig:
     channels: int = 3
 
     def __post_init__(self) -> None:
-        if not 0 < self.width <= 1 or self.channels not in (3, 4) or self.classes < 1:
-            raise InputError(f"DeconvNet: expected 0 < width <= 1 and 3 or 4 channels, found {self}")
+        if not 0 < self.width <= 1 or self.channels not in (3, 7) or self.classes < 1:
+            raise InputError(f"DeconvNet: expected 0 < width <= 1 and 3 or 7 channels, found {self}")
 
 
 @dataclass(frozen=True)
@@ -86,8 +86,8 @@ class DSNetPConfig:
 
     encoder: Literal["lite0", "lite1", "lite2"] = "lite0"
     """Which EfficientNet-Lite."""
-    widths: tuple[int, int, int, int, int] = (128, 96, 80, 64, 48)
-    """Channels of the decoder at 1/32, 1/16, 1/8, 1/4 and 1/2 of the size."""
+    widths: tuple[int, int, int, int] = (128, 96, 80, 64)
+    """Channels of the decoder at 1/32, 1/16, 1/8 and 1/4 of the size."""
     dropout: float = 0.1
     """Dropout of whole feature maps before the last convolution."""
     classes: int = NUM_CLASSES
@@ -99,9 +99,11 @@ class DSNetPConfig:
         if self.encoder not in ("lite0", "lite1", "lite2"):
             raise InputError(f"dsnet-p: encoder is {self.encoder!r}, expected lite0, lite1 or lite2")
         if self.channels not in (3, 3 + GEOMETRY_CHANNELS):
-            raise InputError(f"dsnet-p: channels is {self.channels}, expected 3 (RGB) or 7 (RGB and geometry)")
-        if len(self.widths) != 5 or min(*self.widths, self.classes) < 1 or max(self.widths) > 4096:
-            raise InputError(f"dsnet-p: expected 5 widths and classes from 1 to 4096, found {self}")
+            raise InputError(
+                f"dsnet-p: channels is {self.channels}, expected 3 (RGB) or 7 (RGB and geometry)"
+            )
+        if len(self.widths) != 4 or min(*self.widths, self.classes) < 1 or max(self.widths) > 4096:
+            raise InputError(f"dsnet-p: expected 4 widths and classes from 1 to 4096, found {self}")
         if not 0 <= self.dropout < 1:
             raise InputError(f"dsnet-p: dropout is {self.dropout}, expected 0 <= dropout < 1")
 
@@ -129,10 +131,16 @@ DSNETS: dict[str, DSNetConfig] = {
 class NetChoice:
     """Which network to train; what is not given is as the name says."""
 
-    name: Literal["dsnet", "dsnet-m", "dsnet-l", "dsnet-xl", "deconvnet", "pspnet", "deeplabv3"] = "dsnet"
-    """dsnet (the paper's size), dsnet-m, -l, -xl (wider and deeper), deconvnet (Noh et al.), pspnet, deeplabv3."""
-    depth: bool = False
-    """RGB-D: inverse depth as a fourth channel; the data must have depth."""
+    name: Literal[
+        "dsnet", "dsnet-m", "dsnet-l", "dsnet-xl", "dsnet-p", "deconvnet", "pspnet", "deeplabv3"
+    ] = "dsnet"
+    """dsnet (the paper's size), dsnet-m, -l, -xl (wider and deeper), dsnet-p (pre-trained encoder), deconvnet (Noh et
+    al.), pspnet, deeplabv3."""
+    geometry: bool | None = None
+    """RGB-D: inverse depth, angle to the vertical and height above the floor as more channels; default: for dsnet-p.
+    Images without depth are trained on with empty channels."""
+    encoder: Literal["lite0", "lite1", "lite2"] | None = None
+    """Which EfficientNet-Lite encodes in dsnet-p."""
     layers: int | None = None
     """DS-Net's L: 3x3 convolutions in a dense block (paper: 3, 4 or 5)."""
     growth: int | None = None
@@ -154,7 +162,12 @@ class NetChoice:
         Raises:
             InputError: options that the named network does not have, or an impossible shape.
         """
-        channels = 4 if self.depth else 3
+        wanted = self.name == "dsnet-p" if self.geometry is None else self.geometry
+        channels = 3 + GEOMETRY_CHANNELS if wanted else 3
+        if self.name == "dsnet-p":
+            return self._pretrained(classes, channels)
+        if self.encoder is not None:
+            raise InputError(f"--net.name {self.name} has no encoder, expected dsnet-p for it")
         names = ("layers", "growth", "widths", "stem_convs", "final_relu", "dropout")
         given = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
         if self.name in DSNETS:
@@ -164,6 +177,15 @@ class NetChoice:
         if self.name == "deconvnet":
             return DeconvNetConfig(self.width, classes, channels)
         return LibraryNetConfig(self.name, classes, channels)  # type: ignore[arg-type]
+
+    def _pretrained(self, classes: int, channels: int) -> "DSNetPConfig":
+        given = {name: getattr(self, name) for name in ("encoder", "widths", "dropout")}
+        given = {name: value for name, value in given.items() if value is not None}
+        if self.layers or self.growth or self.stem_convs or self.final_relu is not None:
+            raise InputError(
+                "--net.name dsnet-p has no layers, growth, stem_convs, final_relu: expected none"
+            )
+        return DSNetPConfig(**given, classes=classes, channels=channels)
 
 
 @dataclass(frozen=True)
@@ -206,10 +228,17 @@ class AugmentConfig:
     """Probability of Gaussian noise (sigma up to 12 grey levels)."""
     copy_paste: float = 0.0
     """Probability that an object of a rarer class, cut by its label out of another image, is pasted in."""
+    drop_geometry: float = 0.2
+    """Probability that an image comes without any geometry, so that the network serves colour alone as well."""
+    holes: float = 0.7
+    """Probability that geometry has holes: patches, edges of things, all that is further than some distance."""
+    geometry_noise: float = 0.5
+    """Probability that geometry is noisy and its floor is wrong by some centimetres."""
 
     def __post_init__(self) -> None:
-        if not 0 <= self.copy_paste <= 1:
-            raise InputError(f"augmentation: copy-paste is {self.copy_paste}, expected a probability")
+        for name in ("copy_paste", "drop_geometry", "holes", "geometry_noise"):
+            if not 0 <= getattr(self, name) <= 1:
+                raise InputError(f"augmentation: {name} is {getattr(self, name)}, expected a probability")
 
 
 @dataclass(frozen=True)
@@ -248,6 +277,17 @@ class TrainConfig:
     """How often each of the data sets is drawn from, in their order (0.3 0.7); default: by their sizes."""
     init_lr: float = 1.0
     """Learning rate of weights that come from `init`, relative to that of new ones (the paper: 1/8)."""
+    encoder_lr: float = 1.0
+    """Learning rate of a pre-trained encoder, relative to that of the rest."""
+    freeze: int = 0
+    """Levels of a pre-trained encoder that stay as they are: 1 is its stem and all at 1/2 of the size, 2 up to 1/4."""
+    imagenet: bool = True
+    """Whether dsnet-p begins with ImageNet's weights, where no `init` is given (needs the extra `pretrained`)."""
+    smoothing: float = 0.0
+    """Label smoothing: this share of every target is spread over the classes."""
+    prior: float = 0.5
+    """Class prior of the finished weights: 0 as frequent as in the data (best pixel accuracy), 1 all alike (best class
+    average; what Eq. 5 divides by)."""
     seed: int = 0
     """Of initial weights, order, augmentation and dropout."""
 
@@ -262,6 +302,12 @@ class TrainConfig:
         ):
             raise InputError(
                 "training: steps, batch and validate-every must be at least 1, lr above 0, 0 <= ema < 1"
+            )
+        if not (
+            self.encoder_lr > 0 and 0 <= self.freeze <= 5 and 0 <= self.smoothing < 1 and 0 <= self.prior <= 1
+        ):
+            raise InputError(
+                "training: expected encoder-lr above 0, freeze of 0..5 levels, 0 <= smoothing < 1, 0 <= prior <= 1"
             )
         if any(share < 0 for share in self.shares) or (self.shares and not sum(self.shares) > 0):
             raise InputError(f"training: shares are {self.shares}, expected none below 0 and a sum above 0")

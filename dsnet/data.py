@@ -7,7 +7,7 @@ from tqdm import tqdm
 
 from dsmap.dsnet.datasets.base import Example, Item, LabelledSet
 
-CACHE_BYTES = 3 * 2**30
+CACHE_BYTES = 6 * 2**30
 """Decoded images are kept in memory up to this many bytes; the rest is decoded whenever it is asked for."""
 
 
@@ -21,7 +21,7 @@ class LabelledImages:
         self,
         data: LabelledSet,
         *,
-        with_depth: bool = False,
+        with_geometry: bool = False,
         cache_bytes: int = CACHE_BYTES,
         progress: bool = True,
     ):
@@ -29,16 +29,16 @@ class LabelledImages:
         self.class_names = data.class_names
         self.sizes = data.sizes or (len(data.items),)
         """Images of each of the data sets that were put together, in their order."""
-        self.with_depth = with_depth and data.has_depth
+        self.with_geometry = with_geometry
         self._cache: list[Example] = []
         self.fractions = np.zeros((len(data.items), len(data.class_names)), np.float32)
         """Share of each class in the pixels of each image, shape (images, classes)."""
         cached = 0
         for i, item in enumerate(tqdm(self.items, desc="reading images", disable=not progress, leave=False)):
-            example = item.read(self.with_depth)
+            example = item.read(self.with_geometry)
             counts = np.bincount(example.label.ravel(), minlength=len(data.class_names))
             self.fractions[i] = counts / example.label.size
-            arrays = (example.rgb, example.label, example.depth)
+            arrays = (example.rgb, example.label, example.geometry)
             cached += sum(array.nbytes for array in arrays if array is not None)
             if cached <= cache_bytes:
                 self._cache.append(example)
@@ -49,7 +49,21 @@ class LabelledImages:
     def __getitem__(self, index: int) -> Example:
         if index < len(self._cache):
             return self._cache[index]
-        return self.items[index].read(self.with_depth)
+        return self.items[index].read(self.with_geometry)
+
+
+def drawn_shares(data: LabelledImages, shares: Sequence[float] = ()) -> np.ndarray:
+    """Share of each class in the labelled pixels that are drawn, shape (classes,); void has none.
+
+    Args:
+        shares: how often each set is drawn from; (): by its size.
+    """
+    # All images are resized to one size, so an image counts as one, whatever its own size.
+    draws = np.array(shares if shares else data.sizes, float)
+    chance = np.repeat(draws / draws.sum() / data.sizes, data.sizes)  # of an image, in each draw
+    drawn = chance @ data.fractions
+    drawn[0] = 0
+    return drawn / max(drawn.sum(), 1e-12)
 
 
 def class_weights(
@@ -63,18 +77,16 @@ def class_weights(
             frequent in the images that show it), `log` (1 / log(1.02 + share), ENet) or `none`.
         shares: how often each set is drawn from; (): by its size. The weights are those of what is drawn.
     """
-    # All images are resized to one size, so an image counts as one, whatever its own size.
-    draws = np.array(shares if shares else data.sizes, float)
-    chance = np.repeat(draws / draws.sum() / data.sizes, data.sizes)  # of an image, in each draw
-    drawn, shown = chance @ data.fractions, chance @ (data.fractions > 0)
-    drawn[0] = 0
+    drawn = drawn_shares(data, shares)
     seen = drawn > 0
     weights = np.zeros(len(seen), np.float32)
-    share = drawn[seen] / max(drawn.sum(), 1e-12)
+    share = drawn[seen]
     if balance == "inverse":
         weights[seen] = np.minimum((np.median(share) / share) ** power, 10.0)
     elif balance == "median":
-        frequency = drawn[seen] / shown[seen]
+        draws = np.array(shares if shares else data.sizes, float)
+        chance = np.repeat(draws / draws.sum() / data.sizes, data.sizes)
+        frequency = share / (chance @ (data.fractions > 0))[seen]
         weights[seen] = np.minimum(np.median(frequency) / frequency, 10.0)
     elif balance == "log":
         weights[seen] = 1 / np.log(1.02 + share)

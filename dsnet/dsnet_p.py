@@ -1,24 +1,25 @@
 """DS-Net on a pre-trained encoder: EfficientNet-Lite, a light branch for geometry, and a decoder of deconvolutions.
 
-EfficientNet shrinks its features by strides, not by pooling: there are no indices to unpool with, so the decoder enlarges
-by deconvolutions and takes what was lost from the encoder's features of the same size.
+EfficientNet shrinks its features by strides, not by pooling: there are no indices to unpool with, so the decoder
+enlarges by deconvolutions and takes what was lost from the encoder's features of the same size.
 """
 
 import torch
-import torch.nn.functional as F
 from torch import Tensor, nn
 
 from dsmap.dsnet.config import GEOMETRY_CHANNELS, DSNetPConfig
 from dsmap.dsnet.efficientnet_lite import EfficientNetLite
 from dsmap.dsnet.model import ConvBN
 
-_GEOMETRY_WIDTHS = (24, 48, 64, 96)
+_GEOMETRY_WIDTHS = (16, 48, 64, 96)
 """Channels of the geometry branch at 1/2, 1/4, 1/8 and 1/16 of the size."""
 _INTO_ENCODER = (1, 2, 3)
 """Levels of the encoder that geometry is added to: 1/4, 1/8 and 1/16."""
 
 
-def _conv(inputs: int, outputs: int, kernel: int, stride: int = 1, groups: int = 1, relu: bool = True) -> ConvBN:
+def _conv(
+    inputs: int, outputs: int, kernel: int, stride: int = 1, groups: int = 1, relu: bool = True
+) -> ConvBN:
     conv = nn.Conv2d(inputs, outputs, kernel, stride, kernel // 2, groups=groups, bias=False)
     return ConvBN(conv, outputs, relu)
 
@@ -92,9 +93,9 @@ class DSNetP(nn.Module):
         self.d1 = Enlarge(w[0], channels[3], w[1])
         self.d2 = Enlarge(w[1], channels[2], w[2])
         self.d3 = Enlarge(w[2], channels[1], w[3])
-        self.d4 = Enlarge(w[3], channels[0], w[4])
         self.dropout = nn.Dropout2d(config.dropout)
-        self.score = nn.Conv2d(w[4], config.classes, 1)
+        self.score = nn.ConvTranspose2d(w[3], config.classes, 2, 2)
+        self.score_half = nn.Conv2d(channels[0], config.classes, 1, bias=False)
 
     def encode(self, x: Tensor) -> list[Tensor]:
         """Features at 1/2 .. 1/32 of the size, those of geometry behind those of colour."""
@@ -117,5 +118,4 @@ class DSNetP(nn.Module):
         x = self.d1(x, sixteenth)
         x = self.d2(x, eighth)
         x = self.d3(x, quarter)
-        x = self.d4(x, half)
-        return self.score(self.dropout(x))
+        return self.score(self.dropout(x)) + self.score_half(half)

@@ -44,7 +44,9 @@ class FrozenConv(nn.Module):
     mean: Tensor
     var: Tensor
 
-    def __init__(self, inputs: int, outputs: int, kernel: int, stride: int = 1, groups: int = 1, relu: bool = True):
+    def __init__(
+        self, inputs: int, outputs: int, kernel: int, stride: int = 1, groups: int = 1, relu: bool = True
+    ):
         super().__init__()
         self.kernel, self.stride, self.groups, self.relu = kernel, stride, groups, relu
         self.weight = nn.Parameter(torch.empty(outputs, inputs // groups, kernel, kernel))
@@ -113,7 +115,9 @@ class EfficientNetLite(nn.Module):
                 self.channels.append(inputs)
                 levels.append([])
             for k in range(repeats):
-                levels[-1].append(InvertedResidual(inputs, outputs, kernel, stride if k == 0 else 1, expansion))
+                levels[-1].append(
+                    InvertedResidual(inputs, outputs, kernel, stride if k == 0 else 1, expansion)
+                )
                 inputs = outputs
         self.channels.append(inputs)
         self.levels = nn.ModuleList([nn.Sequential(*blocks) for blocks in levels])

@@ -21,12 +21,12 @@ class Engine(Protocol):
 
     name: str
 
-    def probabilities(self, rgb: np.ndarray, depth: np.ndarray | None) -> np.ndarray:
+    def probabilities(self, rgb: np.ndarray, geometry: np.ndarray | None) -> np.ndarray:
         """Calibrated probabilities, float32, shape (H / 2, W / 2, classes), C-contiguous, the caller's own.
 
         Args:
             rgb: uint8 (H, W, 3).
-            depth: metres (H, W); given for RGB-D networks, and only for these.
+            geometry: (H, W, 4) of `kernels.geometry`; given for RGB-D networks, and only for these.
         """
         ...
 
@@ -48,24 +48,25 @@ class TorchEngine:
             self.forward = CapturedNet(self.model, info)
 
     @torch.inference_mode()
-    def logits(self, rgb: Tensor, depth: Tensor | None = None) -> Tensor:
-        """Logits before the temperature, float32 (1, classes, H / 2, W / 2), on the engine's device.
+    def logits(self, rgb: Tensor, geometry: Tensor | None = None) -> Tensor:
+        """Logits at the wanted prior, before the temperature, float32 (1, classes, H / 2, W / 2), on the device.
 
         Args:
             rgb: uint8 (H, W, 3), on any device.
-            depth: metres (H, W).
+            geometry: (H, W, 4).
         """
         images = rgb[None].to(self.device)
-        return self.forward(to_input(images, None if depth is None else depth[None].to(self.device)))
+        x = to_input(images, None if geometry is None else geometry[None].to(self.device))
+        return self.forward(x) + torch.from_numpy(self.info.offset()).to(self.device)[:, None, None]
 
     @torch.inference_mode()
-    def softmax(self, rgb: Tensor, depth: Tensor | None = None) -> Tensor:
+    def softmax(self, rgb: Tensor, geometry: Tensor | None = None) -> Tensor:
         """Calibrated probabilities, float32 (H / 2, W / 2, classes), contiguous, on the engine's device."""
-        scaled = self.logits(rgb, depth) / self.info.temperature
+        scaled = self.logits(rgb, geometry) / self.info.temperature
         return torch.softmax(scaled, dim=1)[0].permute(1, 2, 0).contiguous()
 
-    def probabilities(self, rgb: np.ndarray, depth: np.ndarray | None) -> np.ndarray:
-        small = None if depth is None else torch.from_numpy(depth)
+    def probabilities(self, rgb: np.ndarray, geometry: np.ndarray | None) -> np.ndarray:
+        small = None if geometry is None else torch.from_numpy(geometry)
         return self.softmax(torch.from_numpy(rgb), small).cpu().numpy()
 
 
@@ -79,10 +80,10 @@ class OnnxEngine:
 
         self._session = onnx_session(build_onnx(model, info, unpool="blocked").SerializeToString())
 
-    def probabilities(self, rgb: np.ndarray, depth: np.ndarray | None) -> np.ndarray:
+    def probabilities(self, rgb: np.ndarray, geometry: np.ndarray | None) -> np.ndarray:
         inputs = {"image": rgb[None]}
-        if depth is not None:
-            inputs["depth"] = depth[None].astype(np.float32, copy=False)
+        if geometry is not None:
+            inputs["geometry"] = geometry[None].astype(np.float32, copy=False)
         return self._session.run(None, inputs)[0][0]
 
 

@@ -1,5 +1,7 @@
 """The geometry channels of a depth image, made by the mapper's own code: what RGB-D networks are trained on."""
 
+from dataclasses import dataclass
+
 import numpy as np
 import warp as wp
 
@@ -8,6 +10,7 @@ from dsmap.gravity import LEVEL, estimate_floor, estimate_up
 from dsmap.kernels.camera import make_camera
 from dsmap.kernels.geometry import geometry_channels
 from dsmap.kernels.preprocess import clean_depth, smooth_depth, surface_maps
+from dsmap.sequences.images import resize_nearest
 
 DEPTH_MIN, DEPTH_MAX = 0.3, 10.0
 """Depth outside this is no measurement [m]."""
@@ -43,3 +46,26 @@ def frame_geometry(
     if floor_height is None:
         floor_height = estimate_floor(vertex.numpy(), normal.numpy(), up)
     return geometry_channels(vertex, normal, up, floor_height).numpy()
+
+
+@dataclass(frozen=True)
+class DepthView:
+    """The camera of a depth image, and how it was held where that is known."""
+
+    intrinsics: Intrinsics
+    up: tuple[float, float, float] | None = None
+    """In the camera's frame; None: estimated from the image."""
+    floor_height: float | None = None
+    """Of the floor along up, seen from the camera [m]; None: estimated from the image."""
+
+    def geometry(self, depth: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+        """Geometry of a depth image at another size, float16, shape (*shape, 4).
+
+        Args:
+            depth: metres, of the camera's aspect ratio, any size.
+        """
+        height, width = shape[:2]
+        small = resize_nearest(depth, width, height)
+        up = None if self.up is None else np.array(self.up)
+        camera = self.intrinsics.scaled(width, height)
+        return frame_geometry(small, camera, up=up, floor_height=self.floor_height).astype(np.float16)

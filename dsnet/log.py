@@ -49,7 +49,7 @@ class Log:
         for i in np.linspace(0, len(data) - 1, min(OVERLAYS, len(data))).astype(int):
             example = data[int(i)]
             answer = (
-                segmenter.predict(example.rgb, example.depth)[..., 1:].argmax(axis=2).astype(np.uint8) + 1
+                segmenter.predict(example.rgb, example.geometry)[..., 1:].argmax(axis=2).astype(np.uint8) + 1
             )
             answer = resize_nearest(answer, example.rgb.shape[1], example.rgb.shape[0])
             picture = (np.float32(example.rgb) + PALETTE[answer % len(PALETTE)]) / 2

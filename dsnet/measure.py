@@ -32,7 +32,7 @@ def score(segmenter: DSNetSegmenter, data: LabelledImages, *, calibration: bool 
     for i in range(len(data)):
         example = data[i]
         label = example.label
-        probabilities = enlarge(segmenter.predict(example.rgb, example.depth), label)
+        probabilities = enlarge(segmenter.predict(example.rgb, example.geometry), label)
         confusion.add(label, probabilities[..., 1:].argmax(axis=2) + 1)
         if calibration:
             reliability.add(label, class_probabilities(probabilities))
@@ -51,7 +51,7 @@ def fit_temperature(segmenter: DSNetSegmenter, data: LabelledImages, *, seed: in
     logits, targets = [], []
     for i in range(len(data)):
         example = data[i]
-        z = segmenter.logits(example.rgb, example.depth)
+        z = segmenter.logits(example.rgb, example.geometry)
         label = resize_nearest(example.label, z.shape[1], z.shape[0]).ravel()
         chosen = np.flatnonzero(label != VOID)
         chosen = rng.permutation(chosen)[:_PIXELS_A_IMAGE]

@@ -7,28 +7,20 @@ from torch.nn.utils.fusion import fuse_conv_bn_eval
 
 from dsmap.dsnet.config import DSNetConfig
 
-NEAREST_M = 0.3
-MEAN_INVERSE_DEPTH = 0.45
-"""Of indoor views [1/m]: things between 1 and 5 m away."""
-SPREAD_INVERSE_DEPTH = 0.25
 
-
-def to_input(images: Tensor | np.ndarray, depth: Tensor | np.ndarray | None = None) -> Tensor:
-    """Images as a network takes them: float32 (N, 3 or 4, H, W), channels_last.
+def to_input(images: Tensor | np.ndarray, geometry: Tensor | np.ndarray | None = None) -> Tensor:
+    """Images as a network takes them: float32 (N, 3 or 7, H, W), channels_last.
 
     Args:
         images: uint8 (N, H, W, 3).
-        depth: metres (N, H, W), 0 = no measurement, which becomes the mean of the channel. Inverse depth is
-            what parallax sees: rooms spread over it evenly, and far walls do not outweigh what is near.
+        geometry: (N, H, W, 4) of `kernels.geometry`, which are scaled already.
     """
     batch = torch.as_tensor(images).permute(0, 3, 1, 2).float()
     batch = batch.sub_(127.5).div_(64.0)
-    if depth is None:
+    if geometry is None:
         return batch
-    depth = torch.as_tensor(depth).float()
-    inverse = (1 / depth.clamp(min=NEAREST_M) - MEAN_INVERSE_DEPTH) / SPREAD_INVERSE_DEPTH
-    inverse = torch.where(depth > 0, inverse, torch.zeros_like(inverse))
-    return torch.cat([batch, inverse[:, None]], dim=1).contiguous(memory_format=torch.channels_last)
+    more = torch.as_tensor(geometry).permute(0, 3, 1, 2).float()
+    return torch.cat([batch, more], dim=1).contiguous(memory_format=torch.channels_last)
 
 
 class ConvBN(nn.Sequential):

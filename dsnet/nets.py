@@ -3,8 +3,9 @@
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from dsmap.dsnet.config import DeconvNetConfig, DSNetConfig, LibraryNetConfig, NetConfig
+from dsmap.dsnet.config import DeconvNetConfig, DSNetConfig, DSNetPConfig, LibraryNetConfig, NetConfig
 from dsmap.dsnet.deconvnet import DeconvNet
+from dsmap.dsnet.dsnet_p import DSNetP
 from dsmap.dsnet.model import DSNet
 from dsmap.errors import InputError
 
@@ -22,6 +23,8 @@ def build(config: NetConfig) -> nn.Module:
     """
     if isinstance(config, DSNetConfig):
         return DSNet(config)
+    if isinstance(config, DSNetPConfig):
+        return DSNetP(config)
     if isinstance(config, DeconvNetConfig):
         return DeconvNet(config)
     return LibraryNet(config)

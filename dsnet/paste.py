@@ -67,8 +67,7 @@ def pick_object(label: np.ndarray, chosen: int, rng: np.random.Generator) -> np.
 def paste(target: Example, source: Example, mask: np.ndarray, rng: np.random.Generator) -> Example:
     """The part of `source` under a mask put into `target`, about where it was, flipped and scaled at random.
 
-    Colour, label and depth change at the same pixels. Depth (where both images have it) is divided by the
-    scale: what looks larger is nearer; its holes stay holes.
+    Colour, label and geometry (where both images have it) change at the same pixels.
     """
     height, width = target.label.shape
     h, w = mask.shape
@@ -91,11 +90,11 @@ def paste(target: Example, source: Example, mask: np.ndarray, rng: np.random.Gen
     inside = cv2.warpAffine(np.uint8(mask), A, (width, height), flags=cv2.INTER_NEAREST) > 0
     rgb = np.where(inside[..., None], warped(source.rgb, cv2.INTER_LINEAR), target.rgb)
     label = np.where(inside, source.label[mask][0], target.label)
-    depth = target.depth
-    if depth is not None and source.depth is not None:
-        nearer = warped(source.depth, cv2.INTER_NEAREST) / np.float32(scale)
-        depth = np.where(inside, nearer, depth)
-    return Example(rgb, label, depth)
+    geometry = target.geometry
+    if geometry is not None and source.geometry is not None:
+        pasted = warped(source.geometry.astype(np.float32), cv2.INTER_NEAREST)
+        geometry = np.where(inside[..., None], pasted, geometry).astype(np.float16)
+    return Example(rgb, label, geometry)
 
 
 def paste_sometimes(

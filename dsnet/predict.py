@@ -8,6 +8,7 @@ import torch
 from torch import nn
 
 from dsmap.dsnet.checkpoint import WeightsInfo, load_weights
+from dsmap.dsnet.config import GEOMETRY_CHANNELS
 from dsmap.dsnet.engines import Engine, OnnxEngine, TorchEngine, choose_engine
 from dsmap.errors import InputError
 from dsmap.frame import Frame
@@ -38,37 +39,37 @@ class DSNetSegmenter:
         """The network in torch, whatever `engine` is: for logits and for Warp's arrays."""
         return TorchEngine(self._model, self.info, self.device)
 
-    def logits(self, rgb: np.ndarray, depth: np.ndarray | None = None) -> np.ndarray:
+    def logits(self, rgb: np.ndarray, geometry: np.ndarray | None = None) -> np.ndarray:
         """Class logits before the temperature, float32, shape (h, w, classes); arguments as in `predict`."""
-        image, metres = self._inputs(rgb, depth)
-        small = None if metres is None else torch.from_numpy(metres)
+        image, seen = self._inputs(rgb, geometry)
+        small = None if seen is None else torch.from_numpy(seen)
         logits = self.torch_engine.logits(torch.from_numpy(image), small)
         return logits[0].permute(1, 2, 0).cpu().numpy()
 
-    def predict(self, rgb: np.ndarray, depth: np.ndarray | None = None) -> np.ndarray:
+    def predict(self, rgb: np.ndarray, geometry: np.ndarray | None = None) -> np.ndarray:
         """Calibrated probabilities, float32, shape (h, w, classes); rows sum to 1.
 
         (h, w) is half the working size of the weights.
 
         Args:
             rgb: uint8 (H, W, 3).
-            depth: metres (H, W), 0 = no measurement; read by RGB-D networks only, which must have it.
+            geometry: (H, W, 4) of `kernels.geometry`, any size; read by RGB-D networks only. None: colour alone.
         """
-        return self.engine.probabilities(*self._inputs(rgb, depth))
+        return self.engine.probabilities(*self._inputs(rgb, geometry))
 
-    def _inputs(self, rgb: np.ndarray, depth: np.ndarray | None) -> tuple[np.ndarray, np.ndarray | None]:
-        """Both at the working size; depth only if the network reads it."""
+    def _inputs(self, rgb: np.ndarray, geometry: np.ndarray | None) -> tuple[np.ndarray, np.ndarray | None]:
+        """Both at the working size; geometry only if the network reads it, then 0 where there is none."""
         if rgb.dtype != np.uint8 or rgb.ndim != 3 or rgb.shape[2] != 3:
             raise InputError(f"network: found an image of {rgb.dtype} {rgb.shape}, expected uint8 (H, W, 3)")
         image = np.ascontiguousarray(resize_colour(rgb, *self.info.size))
         if self.info.config.channels == 3:
             return image, None
-        if depth is None:
-            raise InputError("network: these weights are of an RGB-D network, expected images with depth")
-        return image, np.ascontiguousarray(resize_nearest(depth, *self.info.size), dtype=np.float32)
+        if geometry is None:
+            return image, np.zeros((*image.shape[:2], GEOMETRY_CHANNELS), np.float32)
+        return image, np.ascontiguousarray(resize_nearest(geometry, *self.info.size), dtype=np.float32)
 
     def __call__(self, frame: Frame) -> np.ndarray:
-        return self.predict(frame.rgb, frame.depth)
+        return self.predict(frame.rgb)
 
 
 def load_segmenter(

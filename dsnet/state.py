@@ -8,7 +8,10 @@ from torch import Tensor, nn
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 
 from dsmap.dsnet.checkpoint import TRAINING_FORMAT, load_state, load_tensors, load_weights, save_tensors
-from dsmap.dsnet.config import AugmentConfig, DSNetConfig, NetConfig, TrainConfig
+from dsmap.dsnet.config import AugmentConfig, DSNetConfig, DSNetPConfig, NetConfig, TrainConfig
+from dsmap.dsnet.dsnet_p import DSNetP
+from dsmap.dsnet.efficientnet_lite import EfficientNetLite
+from dsmap.dsnet.imagenet import load_imagenet
 from dsmap.dsnet.nets import build
 from dsmap.errors import InputError
 
@@ -24,7 +27,7 @@ class State:
     optimiser: torch.optim.AdamW
     step: int = 0
     best: float = -1.0
-    """Class average of the best validation so far."""
+    """mIoU of the best validation so far."""
     seconds: float = 0.0
     history: list[dict] = field(default_factory=list)
     """One record a validation."""
@@ -38,13 +41,17 @@ def new_state(net: NetConfig, config: TrainConfig, init: Path | None, device: st
     """
     model = build(net)
     given = set() if init is None else start_from(model, init)
+    if isinstance(model, DSNetP):
+        prepare_encoder(model.encoder, net, config, init is None)
     model = model.to(torch.device(device)).to(memory_format=torch.channels_last)  # type: ignore[call-overload]
     ema = AveragedModel(model, multi_avg_fn=get_ema_multi_avg_fn(config.ema))
     groups: dict[tuple[float, bool], list[nn.Parameter]] = {}
     for name, parameter in model.named_parameters():
-        groups.setdefault((config.init_lr if name in given else 1.0, parameter.ndim > 1), []).append(
-            parameter
-        )
+        scale = config.init_lr if name in given else 1.0
+        if isinstance(model, DSNetP) and name.startswith("encoder."):
+            scale *= config.encoder_lr
+        if parameter.requires_grad:
+            groups.setdefault((scale, parameter.ndim > 1), []).append(parameter)
     # Vectors (of batch norms) are not decayed. Matrices first: the order of earlier checkpoints.
     options = [
         {"params": groups[key], "scale": key[0], "weight_decay": config.weight_decay if key[1] else 0.0}
@@ -53,10 +60,25 @@ def new_state(net: NetConfig, config: TrainConfig, init: Path | None, device: st
     return State(model, ema, torch.optim.AdamW(options, lr=config.lr))
 
 
-def start_from(model: nn.Module, path: Path) -> set[str]:
-    """Copy the weights of a file into a network that may differ from it in classes and in depth.
+def prepare_encoder(encoder: EfficientNetLite, net: NetConfig, config: TrainConfig, fresh: bool) -> None:
+    """ImageNet's weights into a new encoder; its first levels are put beyond the reach of the optimiser.
 
-    A last layer of other classes stays as it is; the weights of an added depth channel become 0.
+    Raises:
+        InputError: the package with the weights is not installed.
+    """
+    assert isinstance(net, DSNetPConfig)
+    if fresh and config.imagenet:
+        load_imagenet(encoder, net.encoder)
+    if config.freeze:
+        encoder.stem.requires_grad_(False)
+        for level in encoder.levels[: config.freeze]:
+            level.requires_grad_(False)
+
+
+def start_from(model: nn.Module, path: Path) -> set[str]:
+    """Copy the weights of a file into a network that may differ from it in classes and in geometry.
+
+    A last layer of other classes stays as it is; the weights of added geometry channels become 0.
 
     Returns:
         the names of the parameters that have been copied.
@@ -67,7 +89,7 @@ def start_from(model: nn.Module, path: Path) -> set[str]:
     given, info = load_weights(path, class_names=None)
     wanted: NetConfig = model.config  # type: ignore[assignment]
     found = replace(info.config, classes=wanted.classes, channels=wanted.channels)
-    if isinstance(found, DSNetConfig) and isinstance(wanted, DSNetConfig):
+    if isinstance(found, DSNetConfig | DSNetPConfig) and isinstance(wanted, type(found)):
         found = replace(found, dropout=wanted.dropout)  # has no weights
     if found != wanted or info.config.channels > wanted.channels:
         raise InputError(f"{path}: network is {info.config}, expected {wanted}")
@@ -77,7 +99,7 @@ def start_from(model: nn.Module, path: Path) -> set[str]:
         into = target[name]
         if tensor.shape == into.shape:
             into.copy_(tensor)
-        elif tensor.ndim == 4 and tensor.shape[1] == 3 and into.shape[1] == 4 and len(tensor) == len(into):
+        elif tensor.ndim == 4 and tensor.shape[1] == 3 and into.shape[1] > 3 and len(tensor) == len(into):
             into.zero_()[:, :3] = tensor
         else:
             continue

@@ -4,7 +4,7 @@ import numpy as np
 from torch.utils.data import Dataset
 
 from dsmap.dsnet.augment import augment
-from dsmap.dsnet.config import AugmentConfig, TrainConfig
+from dsmap.dsnet.config import GEOMETRY_CHANNELS, AugmentConfig, TrainConfig
 from dsmap.dsnet.data import LabelledImages
 from dsmap.dsnet.paste import Donors, paste_sometimes
 from dsmap.errors import InputError
@@ -15,7 +15,8 @@ class AugmentedStream(Dataset):
 
     With `config.shares` each sample's data set is drawn first, then one of its images.
 
-    A sample is (rgb, label) or, `with_depth`, (rgb, label, depth), as `augment` gives them.
+    A sample is (rgb, label) or, `with_geometry`, (rgb, label, geometry), as `augment` gives them; geometry is 0 where
+    the data have no depth.
     """
 
     def __init__(
@@ -23,10 +24,10 @@ class AugmentedStream(Dataset):
         images: LabelledImages,
         augmentation: AugmentConfig,
         config: TrainConfig,
-        with_depth: bool = False,
+        with_geometry: bool = False,
     ):
         self.images, self.augmentation, self.config = images, augmentation, config
-        self.with_depth = with_depth
+        self.with_geometry = with_geometry
         self.donors = Donors(images) if augmentation.copy_paste > 0 else None
         if config.shares and len(config.shares) != len(images.sizes):
             raise InputError(
@@ -43,9 +44,11 @@ class AugmentedStream(Dataset):
             self.images, self.donors, self._image_of(k), self.augmentation.copy_paste, key
         )
         view = augment(example, self.config.size, self.augmentation, rng)
-        if self.with_depth and view.depth is not None:
-            return view.rgb, view.label, view.depth
-        return view.rgb, view.label
+        if not self.with_geometry:
+            return view.rgb, view.label
+        if view.geometry is None:
+            return view.rgb, view.label, np.zeros((*view.rgb.shape[:2], GEOMETRY_CHANNELS), np.float16)
+        return view.rgb, view.label, view.geometry
 
     def _image_of(self, k: int) -> int:
         """The number of sample k's image among all data sets' images."""

@@ -7,6 +7,7 @@ thread count), and a checkpoint needs no state of random generators.
 import copy
 import json
 import math
+import os
 import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
@@ -22,10 +23,11 @@ from tqdm import tqdm
 
 from dsmap.dsnet.checkpoint import WeightsInfo, load_weights, record_of, save_weights
 from dsmap.dsnet.config import AugmentConfig, NetConfig, TrainConfig
-from dsmap.dsnet.data import LabelledImages, class_weights
+from dsmap.dsnet.data import LabelledImages, class_weights, drawn_shares
 from dsmap.dsnet.datasets.registry import open_set, open_sets
 from dsmap.dsnet.log import Log
 from dsmap.dsnet.measure import fit_temperature, score
+from dsmap.dsnet.memory import keep_memory
 from dsmap.dsnet.model import to_input
 from dsmap.dsnet.model_card import model_card
 from dsmap.dsnet.predict import DSNetSegmenter
@@ -73,12 +75,13 @@ def train(
     Raises:
         InputError: data, weights or checkpoint are missing, damaged or do not fit; `out` is in use.
     """
+    keep_memory()
     with joined(device) as ranks:
         images, held_back = read_data(data, val, net, progress and ranks.first)
         net = replace(net, classes=len(images.class_names))
         run = run_record(net, augmentation, config, images)
         state = start(out, net, config, run, init, resume, ranks)
-        stream = AugmentedStream(images, augmentation, config, with_depth=net.channels == 4)
+        stream = AugmentedStream(images, augmentation, config, with_geometry=net.channels > 3)
         loop(state, stream, held_back, Job(out, run, ranks, workers, progress, log))
         about = {"data": [str(path) for path in data], "val": str(val), "stages": earlier_stages(init)}
         about |= {"seconds": round(state.seconds, 1), "device": device, "processes": ranks.world}
@@ -138,6 +141,7 @@ def loop(state: State, stream: AugmentedStream, held_back: LabelledImages, job: 
         batch_size=config.batch // ranks.world,
         sampler=ranks.samples(state.step, config.steps, config.batch),
         num_workers=job.workers,
+        worker_init_fn=_in_a_worker,
     )
     weights = torch.from_numpy(class_weights(images, config.balance, config.shares, config.balance_power))
     weights = weights.to(ranks.device)
@@ -150,15 +154,22 @@ def loop(state: State, stream: AugmentedStream, held_back: LabelledImages, job: 
     for batch in bar:
         losses.append(train_step(state, batch, weights, config, ranks, parallel))
         events.step(state.step, losses[-1], learning_rate(state.step - 1, config))
-        bar.set_postfix({"loss": f"{losses[-1]:.3f}", "best class_avg": f"{max(state.best, 0):.3f}"})
+        bar.set_postfix({"loss": f"{losses[-1]:.3f}", "best mIoU": f"{max(state.best, 0):.3f}"})
         if state.step % config.validate_every == 0 or state.step == config.steps:
             state.seconds = time.monotonic() - started
             if ranks.first:
                 model, loss = averaged_model(state, stream), float(np.mean(losses))
-                validate(state, model, held_back, job.out, config, loss, events)
+                info = weights_info(model.config, stream, weights)  # type: ignore[arg-type]
+                validate(state, model, info, held_back, job.out, loss, events)
                 save_checkpoint(job.out / "checkpoint.safetensors", state, job.record)
             losses.clear()
     events.close()
+
+
+def _in_a_worker(_: int) -> None:
+    """A forked process has none of the threads that kernels were cut for."""
+    os.environ["DSMAP_THREADS"] = "1"
+    torch.set_num_threads(1)
 
 
 def earlier_stages(init: Path | None) -> list[dict]:
@@ -175,17 +186,13 @@ def read_data(
     """The images to train on and to validate with, all of them read once.
 
     Raises:
-        InputError: damaged or missing data, other classes in one than in the other, no depth for RGB-D.
+        InputError: damaged or missing data, other classes in one than in the other.
     """
     parts = open_sets(data), open_set(val)
     if parts[0].class_names != parts[1].class_names:
         raise InputError(f"{val}: its classes are not those of {data[0]}, expected the same classes")
-    if net.channels == 4 and not all(part.has_depth for part in parts):
-        raise InputError(
-            f"{', '.join(map(str, [*data, val]))}: no depth in part of it, expected depth for RGB-D"
-        )
     images, held_back = (
-        LabelledImages(part, with_depth=net.channels == 4, progress=progress) for part in parts
+        LabelledImages(part, with_geometry=net.channels > 3, progress=progress) for part in parts
     )
     return images, held_back
 
@@ -209,20 +216,20 @@ def train_step(
     """One optimiser step on a batch of the stream, or on this rank's share of it; the loss of the whole batch.
 
     Args:
-        batch: images, uint8 (N, H, W, 3), labels, uint8 (N, H / 2, W / 2) [, depth in metres (N, H, W)].
+        batch: images, uint8 (N, H, W, 3), labels, uint8 (N, H / 2, W / 2) [, geometry (N, H, W, 4)].
         weights: of the classes in the loss, shape (classes,).
         parallel: the model that averages gradients over the ranks; None: there is one rank.
     """
     torch.manual_seed(config.seed * 1_000_003 + state.step + 7919 * ranks.rank)  # of dropout
     for group in state.optimiser.param_groups:
         group["lr"] = learning_rate(state.step, config) * group["scale"]
-    images, labels, *depth = (tensor.to(ranks.device) for tensor in batch)
+    images, labels, *geometry = (tensor.to(ranks.device) for tensor in batch)
     labels = labels.long()
     state.model.train()
     with torch.autocast(torch.device(ranks.device).type, torch.bfloat16, enabled=config.precision == "bf16"):
-        logits = (parallel or state.model)(to_input(images, *depth)).float()
+        logits = (parallel or state.model)(to_input(images, *geometry)).float()
     # Class-weighted mean over all ranks; void weighs 0. The clamp keeps a batch without any label finite.
-    total = F.cross_entropy(logits, labels, weight=weights, reduction="sum")
+    total = weighted_cross_entropy(logits, labels, weights, config.smoothing)
     loss = total / ranks.total(weights[labels].sum()).clamp(min=1.0)
     state.optimiser.zero_grad(set_to_none=True)
     (loss * ranks.world).backward()  # gradients are averaged over the ranks
@@ -230,6 +237,16 @@ def train_step(
     state.ema.update_parameters(state.model)
     state.step += 1
     return ranks.total(loss).item()
+
+
+def weighted_cross_entropy(logits: Tensor, labels: Tensor, weights: Tensor, smoothing: float) -> Tensor:
+    """Sum over all pixels; `smoothing` is spread over the classes that have a weight, in each pixel with its weight."""
+    total = F.cross_entropy(logits, labels, weight=weights, reduction="sum")
+    if not smoothing:
+        return total
+    seen = weights > 0
+    spread = -F.log_softmax(logits, dim=1)[:, seen].mean(dim=1)
+    return (1 - smoothing) * total + smoothing * (weights[labels] * spread).sum()
 
 
 def averaged_model(state: State, stream: AugmentedStream) -> nn.Module:
@@ -246,29 +263,41 @@ def averaged_model(state: State, stream: AugmentedStream) -> nn.Module:
     with torch.no_grad():
         samples = (zip(*[stream[k] for k in batch], strict=True) for batch in batches)
         stacked = ([np.stack(part) for part in sample] for sample in samples)
-        update_bn((to_input(rgb, *depth).to(device) for rgb, _, *depth in stacked), model)
+        update_bn((to_input(rgb, *more).to(device) for rgb, _, *more in stacked), model)
     return model.eval()
+
+
+def weights_info(net: NetConfig, stream: AugmentedStream, weights: Tensor) -> WeightsInfo:
+    """What the weights of this training will say of themselves: size, classes and their prior."""
+    config, images = stream.config, stream.images
+    shares = drawn_shares(images, config.shares)
+    return WeightsInfo(
+        net,
+        config.working_size or config.size,
+        class_names=images.class_names,
+        prior=config.prior,
+        shares=tuple(map(float, shares)),
+        balance=tuple(map(float, weights.cpu())),
+    )
 
 
 def validate(
     state: State,
     model: nn.Module,
+    info: WeightsInfo,
     data: LabelledImages,
     out: Path,
-    config: TrainConfig,
     loss: float,
     events: Log,
 ) -> None:
     """Score the averaged weights, keep them if they are the best so far, and note the figures."""
-    net: NetConfig = model.config  # type: ignore[assignment]
-    info = WeightsInfo(net, config.working_size or config.size, class_names=data.class_names)
     segmenter = DSNetSegmenter(copy.deepcopy(model), info, str(next(model.parameters()).device))
     scores = score(segmenter, data)
     record = {"step": state.step, "loss": loss, "seconds": round(state.seconds, 1), **scores}
     state.history.append(record)
     events.validation(record, segmenter, data)
-    if scores["class_avg"] > state.best:
-        state.best = scores["class_avg"]
+    if scores["miou"] > state.best:
+        state.best = scores["miou"]
         info.notes = {"validation": record}
         save_weights(out / "best.safetensors", model, info)
     with atomic_path(out / "history.json") as temporary:
@@ -283,7 +312,13 @@ def finish(out: Path, data: LabelledImages, run: dict, device: str) -> dict:
     segmenter = DSNetSegmenter(copy.deepcopy(model), info, device)  # folded: a copy
     info.temperature = fit_temperature(segmenter, data)
     scores = score(segmenter, data, calibration=True)
-    info.notes = {**run, "validation": {**info.notes["validation"], **scores}}
+    ends = {}
+    for prior in (0.0, info.prior, 1.0) if info.shares else ():
+        segmenter.info.prior, kept = prior, info.prior
+        found = score(segmenter, data, calibration=True)
+        ends[f"{prior:g}"] = {name: found[name] for name in ("class_avg", "pixel_acc", "miou", "ece")}
+        segmenter.info.prior = kept
+    info.notes = {**run, "validation": {**info.notes["validation"], **scores}, "priors": ends}
     save_weights(path, model, info)
     with atomic_path(out / "model-card.md") as temporary:
         temporary.write_text(model_card(info, out.name))

@@ -69,7 +69,7 @@ def test_deconvnet_is_the_one_of_noh_et_al():
     assert convs == vgg
 
 
-@pytest.mark.parametrize("config", [TINY, dataclasses.replace(TINY, channels=4), THIN])
+@pytest.mark.parametrize("config", [TINY, dataclasses.replace(TINY, channels=7), THIN])
 def test_logits_at_half_the_size_and_gradients_everywhere(config):
     torch.manual_seed(0)
     model = build(config).train()
@@ -146,7 +146,7 @@ def test_library_nets(name):
         assert tuple(model(torch.zeros(1, 3, 128, 96)).shape) == (1, 14, 64, 48)
 
 
-@pytest.mark.parametrize("config", [TINY, THIN, dataclasses.replace(TINY, channels=4)])
+@pytest.mark.parametrize("config", [TINY, THIN, dataclasses.replace(TINY, channels=7)])
 def test_weights_of_every_kind_round_trip(tmp_path, config):
     model = build(config)
     save_weights(tmp_path / "net.safetensors", model, WeightsInfo(config, size=(224, 224)))
@@ -157,7 +157,7 @@ def test_weights_of_every_kind_round_trip(tmp_path, config):
 
 
 def test_depth_reaches_the_network(tmp_path):
-    config = dataclasses.replace(TINY, channels=4)
+    config = dataclasses.replace(TINY, channels=7)
     torch.manual_seed(0)
     model = build(config).train()
     for module in model.modules():

@@ -8,8 +8,9 @@ import numpy as np
 from PIL import Image, UnidentifiedImageError
 
 from dsmap.classes import CLASS_NAMES, VOID
+from dsmap.dsnet.geometry import DepthView
 from dsmap.errors import InputError
-from dsmap.sequences.images import read_colour, read_depth, resize_colour, resize_nearest
+from dsmap.sequences.images import read_colour, read_depth, resize_colour
 
 VOC_CLASS_NAMES: tuple[str, ...] = (
     "void", "background", "aeroplane", "bicycle", "bird", "boat", "bottle", "bus", "car", "cat", "chair",
@@ -27,8 +28,8 @@ class Example:
     """uint8, shape (H, W, 3)."""
     label: np.ndarray
     """Class ids, uint8, shape (H, W); 0 = void."""
-    depth: np.ndarray | None = None
-    """Planar depth [m], float32, shape (H, W), 0 = no measurement; None: the set has no depth."""
+    geometry: np.ndarray | None = None
+    """What depth tells, float16, shape (H, W, 4) (see `kernels.geometry`); None: there is no depth."""
 
 
 class Item(Protocol):
@@ -39,8 +40,8 @@ class Item(Protocol):
         """Names the image in messages and lists."""
         ...
 
-    def read(self, with_depth: bool = True) -> Example:
-        """Read and check it; depth only if there is any and it is wanted.
+    def read(self, with_geometry: bool = True) -> Example:
+        """Read and check it; geometry only if there is depth and it is wanted.
 
         Raises:
             InputError: missing or damaged files, sizes that differ, ids of no class.
@@ -56,7 +57,7 @@ class LabelledSet:
     class_names: tuple[str, ...] = CLASS_NAMES
     """Names of the ids that the items' labels have; `void` is 0."""
     has_depth: bool = False
-    """Whether every item reads depth as well."""
+    """Whether every item has geometry as well."""
     sizes: tuple[int, ...] = ()
     """Of several sets put together: how many items each has, in their order; () for one."""
 
@@ -75,12 +76,14 @@ class FileItem:
     num_classes: int = len(CLASS_NAMES)
     same_size: bool = True
     """Whether colour must be of the label's size; otherwise it is resized to it, as depth is."""
+    view: DepthView | None = None
+    """How the depth image was taken; None: depth is of no use."""
 
     @property
     def name(self) -> str:
         return str(self.label)
 
-    def read(self, with_depth: bool = True) -> Example:
+    def read(self, with_geometry: bool = True) -> Example:
         rgb, stored = read_colour(self.rgb), read_indices(self.label)
         if stored.shape != rgb.shape[:2]:
             if self.same_size:
@@ -90,10 +93,9 @@ class FileItem:
                 )
             rgb = resize_colour(rgb, stored.shape[1], stored.shape[0])
         label = to_classes(stored, self.table, self.num_classes, str(self.label))
-        depth = None
-        if with_depth and self.depth is not None:
-            depth = resize_nearest(read_depth(self.depth, self.depth_scale), label.shape[1], label.shape[0])
-        return Example(rgb, label, depth)
+        if not with_geometry or self.depth is None or self.view is None:
+            return Example(rgb, label)
+        return Example(rgb, label, self.view.geometry(read_depth(self.depth, self.depth_scale), label.shape))
 
 
 def to_classes(stored: np.ndarray, table: np.ndarray | None, num_classes: int, name: str) -> np.ndarray:

@@ -6,6 +6,7 @@ from pathlib import Path
 from dsmap.classes import CLASS_NAMES
 from dsmap.dsnet.datasets.base import FileItem, Item, LabelledSet
 from dsmap.dsnet.datasets.splits import select, validation_numbers
+from dsmap.dsnet.geometry import DepthView
 from dsmap.errors import InputError
 from dsmap.sequences.calibration import read_calibration
 from dsmap.sequences.tum import is_tum, read_tum
@@ -43,7 +44,7 @@ def load_folders(path: Path, split: str | None) -> LabelledSet:
             "rgb.txt and label.txt, sub-folders of these kinds, or one of the data sets that "
             "docs/data_sets.md lists"
         )
-    has_depth = all(item.depth is not None for item in items)
+    has_depth = all(item.view is not None for item in items)
     chosen: Sequence[Item] = items if split is None else _split(path, items, split)
     return LabelledSet(list(chosen), CLASS_NAMES, has_depth)
 
@@ -59,7 +60,16 @@ def _items_of(folder: Path) -> list[FileItem] | None:
     for label in labels:
         if label.stem not in images:
             raise InputError(f"{label}: no image of this stem in {folder / 'rgb'}, expected a jpg or png")
-    return [FileItem(images[label.stem], label) for label in labels]
+    return [_item(folder, images[label.stem], label) for label in labels]
+
+
+def _item(folder: Path, rgb: Path, label: Path) -> FileItem:
+    """With depth, if `depth/` has an image of this stem and calibration.yaml says of which camera."""
+    depth = folder / "depth" / f"{label.stem}.png"
+    stored = read_calibration(folder) if depth.is_file() else None
+    if stored is None or stored.color_camera is not None:
+        return FileItem(rgb, label)
+    return FileItem(rgb, label, depth, stored.depth_scale, view=DepthView(stored.intrinsics))
 
 
 def _recording(folder: Path) -> list[FileItem]:
@@ -68,8 +78,17 @@ def _recording(folder: Path) -> list[FileItem]:
     stored = read_calibration(folder)
     if stored is None or stored.color_camera is not None or stored.T_color_depth is not None:
         return [FileItem(entry.rgb, entry.label) for entry in entries if entry.label]
-    scale = stored.depth_scale
-    return [FileItem(entry.rgb, entry.label, entry.depth, scale) for entry in entries if entry.label]
+    rendered = (folder / "scene.json").is_file()  # by dsmap: its worlds stand on z = 0, z up
+    found = []
+    for entry in entries:
+        if entry.label:
+            T = entry.T_world_camera if rendered else None
+            view = DepthView(stored.intrinsics)
+            if T is not None:
+                up = (float(T[2, 0]), float(T[2, 1]), float(T[2, 2]))
+                view = DepthView(stored.intrinsics, up, -float(T[2, 3]))
+            found.append(FileItem(entry.rgb, entry.label, entry.depth, stored.depth_scale, view=view))
+    return found
 
 
 def _split(path: Path, items: list[FileItem], split: str) -> list[FileItem]:

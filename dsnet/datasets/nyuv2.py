@@ -16,10 +16,14 @@ import scipy.io
 from dsmap.classes import CLASS_NAMES, NYU40_TO_13
 from dsmap.dsnet.datasets.base import Example, LabelledSet, require, to_classes
 from dsmap.dsnet.datasets.splits import select, validation_numbers
+from dsmap.dsnet.geometry import DepthView
 from dsmap.errors import InputError
+from dsmap.frame import Intrinsics
 from dsmap.sequences.images import clean_depth
 
 MAT_NAME = "nyu_depth_v2_labeled.mat"
+_COLOUR_CAMERA = DepthView(Intrinsics(640, 480, 518.9, 519.5, 325.6, 253.7))
+"""Of the toolbox; depth is registered to it."""
 SPLITS = ("train", "val", "trainval", "test")
 """`trainval` is the official training split, `train` and `val` its parts by the list of dsmap."""
 
@@ -75,18 +79,19 @@ class MatItem:
     def name(self) -> str:
         return f"{self.file}:{self.index + 1}"
 
-    def read(self, with_depth: bool = True) -> Example:
+    def read(self, with_geometry: bool = True) -> Example:
         content = open_hdf5(self.file)
         try:
             rgb = content["images"][self.index].transpose(2, 1, 0)  # MATLAB's order, reversed: (3, W, H)
-            depth = clean_depth(content["depths"][self.index].T) if with_depth else None
+            depth = clean_depth(content["depths"][self.index].T) if with_geometry else None
             label = content["labels"][self.index].T
         except (OSError, ValueError, IndexError) as error:
             raise InputError(f"{self.name}: damaged ({error}), expected the whole of {MAT_NAME}") from error
         if self.labels40 is not None:
             label = _labels40(self.labels40, os.getpid())[..., self.index]
         classes = to_classes(label, self.table, len(CLASS_NAMES), self.name)
-        return Example(np.ascontiguousarray(rgb), np.ascontiguousarray(classes), depth)
+        geometry = None if depth is None else _COLOUR_CAMERA.geometry(depth, classes.shape)
+        return Example(np.ascontiguousarray(rgb), np.ascontiguousarray(classes), geometry)
 
 
 def _checked(content: Any, file: Path) -> int:

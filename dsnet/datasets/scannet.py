@@ -7,8 +7,12 @@ import numpy as np
 
 from dsmap.classes import CLASS_NAMES, NYU40_TO_13
 from dsmap.dsnet.datasets.base import FileItem, Item, LabelledSet, read_list, require
+from dsmap.dsnet.geometry import DepthView
 from dsmap.errors import InputError
+from dsmap.frame import Intrinsics
 
+_WIDTH, _HEIGHT = 640, 480
+"""Of the depth images."""
 LABEL_MAP = "scannetv2-labels.combined.tsv"
 
 
@@ -57,7 +61,23 @@ def _item(scene: Path, label: Path, table: np.ndarray) -> FileItem:
     depth = scene / "depth" / f"{label.stem}.png"
     require(rgb, f"the colour image of {label} (exported from the .sens file of the scan)")
     require(depth, f"the depth image of {label} (exported from the .sens file of the scan)")
-    return FileItem(rgb, label, depth, depth_scale=1000.0, table=table, same_size=False)
+    return FileItem(
+        rgb, label, depth, depth_scale=1000.0, table=table, same_size=False, view=_depth_view(scene)
+    )
+
+
+def _depth_view(scene: Path) -> DepthView | None:
+    """The depth camera that the .sens file's exporter wrote beside the images, if it did."""
+    for name in ("intrinsic/intrinsic_depth.txt", "intrinsics_depth.txt"):
+        if (scene / name).is_file():
+            try:
+                K = np.loadtxt(scene / name)
+                return DepthView(Intrinsics(_WIDTH, _HEIGHT, K[0, 0], K[1, 1], K[0, 2], K[1, 2]))
+            except (ValueError, IndexError) as error:
+                raise InputError(
+                    f"{scene / name}: found no matrix ({error}), expected 4x4 numbers"
+                ) from error
+    return None
 
 
 def _number(path: Path) -> tuple[int, str]:

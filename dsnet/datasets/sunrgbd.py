@@ -83,7 +83,7 @@ class ToolboxItem:
     def name(self) -> str:
         return f"{self.labels}:{self.index + 1}"
 
-    def read(self, with_depth: bool = True) -> Example:
+    def read(self, with_geometry: bool = True) -> Example:
         content = open_hdf5(self.labels)
         try:
             references = content["SUNRGBD2Dseg"]["seglabel"]
