@@ -29,11 +29,6 @@ _KINDS: dict[str, type] = {
     "deconvnet": DeconvNetConfig,
     "library": LibraryNetConfig,
 }
-    "dsnet": DSNetConfig,
-    "dsnet-p": DSNetPConfig,
-    "deconvnet": DeconvNetConfig,
-    "library": LibraryNetConfig,
-}
 """`kind` in a header to the class of its configuration; a header without it is of a DS-Net."""
 
 
