@@ -11,23 +11,22 @@ from safetensors.torch import save_file
 from torch import Tensor, nn
 
 from dsmap.classes import CLASS_NAMES
-from dsmap.dsnet.config import DeconvNetConfig, DSNetConfig, DSNetPConfig, LibraryNetConfig, NetConfig
+from dsmap.dsnet.config import DeconvNetConfig, DSNetConfig, DSNetPConfig, NetConfig
 from dsmap.dsnet.nets import build
 from dsmap.errors import InputError
 from dsmap.files import atomic_path
 
-SHIPPED = {
-    name: Path(__file__).parent / "weights" / f"{name}.safetensors"
-    for name in ("dsnet", "dsnet-l", "dsnet-photos", "dsnet-l-photos")
-}
+SHIPPED = {name: Path(__file__).parent / "weights" / f"{name}.safetensors" for name in ("dsnet-p", "dsnet")}
 """Weights that come with dsmap; wherever a file is asked for, the name does."""
+DEFAULT = "dsnet-p"
+REPLACED = {"dsnet-l": "dsnet-p", "dsnet-photos": "dsnet", "dsnet-l-photos": "dsnet-p"}
+"""Names of earlier versions and what took their place."""
 WEIGHTS_FORMAT = "dsmap.dsnet"
 TRAINING_FORMAT = "dsmap.dsnet.training"
 _KINDS: dict[str, type] = {
     "dsnet": DSNetConfig,
     "dsnet-p": DSNetPConfig,
     "deconvnet": DeconvNetConfig,
-    "library": LibraryNetConfig,
 }
 """`kind` in a header to the class of its configuration; a header without it is of a DS-Net."""
 
@@ -113,6 +112,10 @@ def load_weights(
     Raises:
         InputError: missing, damaged or foreign file, unknown configuration, other classes.
     """
+    if str(path) in REPLACED and not Path(path).is_file():
+        raise InputError(
+            f"weights {path}: no longer ship, expected {REPLACED[str(path)]}, which took their place"
+        )
     path = Path(path)
     if not path.is_file():
         path = SHIPPED.get(str(path), path)

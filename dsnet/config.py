@@ -65,22 +65,6 @@ class DeconvNetConfig:
 
 
 @dataclass(frozen=True)
-class LibraryNetConfig:
-    """A network of another library, as a baseline; from scratch, without downloads."""
-
-    name: Literal["pspnet", "deeplabv3"]
-    """pspnet (segmentation-models-pytorch, ResNet-18) or deeplabv3 (torchvision, MobileNetV3)."""
-    classes: int = NUM_CLASSES
-    channels: int = 3
-
-    def __post_init__(self) -> None:
-        if self.name not in ("pspnet", "deeplabv3") or self.channels != 3:
-            raise InputError(
-                f"network: {self.name} of {self.channels} channels, expected pspnet or deeplabv3 of 3"
-            )
-
-
-@dataclass(frozen=True)
 class DSNetPConfig:
     """DS-Net's decoder on an encoder that was pre-trained on ImageNet."""
 
@@ -113,7 +97,7 @@ class DSNetPConfig:
         return self.channels > 3
 
 
-NetConfig = DSNetConfig | DSNetPConfig | DeconvNetConfig | LibraryNetConfig
+NetConfig = DSNetConfig | DSNetPConfig | DeconvNetConfig
 """Every network has `classes` and `channels`, and gives logits at half the size of its input."""
 
 DSNETS: dict[str, DSNetConfig] = {
@@ -131,11 +115,9 @@ DSNETS: dict[str, DSNetConfig] = {
 class NetChoice:
     """Which network to train; what is not given is as the name says."""
 
-    name: Literal[
-        "dsnet", "dsnet-m", "dsnet-l", "dsnet-xl", "dsnet-p", "deconvnet", "pspnet", "deeplabv3"
-    ] = "dsnet"
+    name: Literal["dsnet", "dsnet-m", "dsnet-l", "dsnet-xl", "dsnet-p", "deconvnet"] = "dsnet"
     """dsnet (the paper's size), dsnet-m, -l, -xl (wider and deeper), dsnet-p (pre-trained encoder), deconvnet (Noh et
-    al.), pspnet, deeplabv3."""
+    al.)."""
     geometry: bool | None = None
     """RGB-D: inverse depth, angle to the vertical and height above the floor as more channels; default: for dsnet-p.
     Images without depth are trained on with empty channels."""
@@ -174,9 +156,7 @@ class NetChoice:
             return replace(DSNETS[self.name], classes=classes, channels=channels, **given)
         if given:
             raise InputError(f"--net.name {self.name} has no {', '.join(given)}, expected a dsnet for these")
-        if self.name == "deconvnet":
-            return DeconvNetConfig(self.width, classes, channels)
-        return LibraryNetConfig(self.name, classes, channels)  # type: ignore[arg-type]
+        return DeconvNetConfig(self.width, classes, channels)
 
     def _pretrained(self, classes: int, channels: int) -> "DSNetPConfig":
         given = {name: getattr(self, name) for name in ("encoder", "widths", "dropout")}
@@ -283,6 +263,8 @@ class TrainConfig:
     """Levels of a pre-trained encoder that stay as they are: 1 is its stem and all at 1/2 of the size, 2 up to 1/4."""
     imagenet: bool = True
     """Whether dsnet-p begins with ImageNet's weights, where no `init` is given (needs the extra `pretrained`)."""
+    distil: float = 0.7
+    """With a teacher: share of the loss that follows its probabilities; the rest follows the labels."""
     smoothing: float = 0.0
     """Label smoothing: this share of every target is spread over the classes."""
     prior: float = 0.5
@@ -309,5 +291,7 @@ class TrainConfig:
             raise InputError(
                 "training: expected encoder-lr above 0, freeze of 0..5 levels, 0 <= smoothing < 1, 0 <= prior <= 1"
             )
+        if not 0 <= self.distil <= 1:
+            raise InputError(f"training: distil is {self.distil}, expected 0..1")
         if any(share < 0 for share in self.shares) or (self.shares and not sum(self.shares) > 0):
             raise InputError(f"training: shares are {self.shares}, expected none below 0 and a sum above 0")

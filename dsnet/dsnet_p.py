@@ -13,7 +13,7 @@ from dsmap.dsnet.model import ConvBN
 
 _GEOMETRY_WIDTHS = (16, 48, 64, 96)
 """Channels of the geometry branch at 1/2, 1/4, 1/8 and 1/16 of the size."""
-_INTO_ENCODER = (1, 2, 3)
+INTO_ENCODER = (1, 2, 3)
 """Levels of the encoder that geometry is added to: 1/4, 1/8 and 1/16."""
 
 
@@ -80,7 +80,7 @@ class DSNetP(nn.Module):
         if config.geometry:
             self.geometry = GeometryBranch()
             self.inject = nn.ModuleList(
-                nn.Conv2d(_GEOMETRY_WIDTHS[level], channels[level], 1) for level in _INTO_ENCODER
+                nn.Conv2d(_GEOMETRY_WIDTHS[level], channels[level], 1) for level in INTO_ENCODER
             )
             for conv in self.inject:  # begins as the encoder that ImageNet knows
                 nn.init.zeros_(conv.weight)  # type: ignore[arg-type]
@@ -105,8 +105,8 @@ class DSNetP(nn.Module):
         found = []
         for level, blocks in enumerate(self.encoder.levels):
             x = blocks(x)
-            if seen and level in _INTO_ENCODER:
-                x = x + self.inject[level - _INTO_ENCODER[0]](seen[level])
+            if seen and level in INTO_ENCODER:
+                x = x + self.inject[level - INTO_ENCODER[0]](seen[level])
             found.append(torch.cat([x, seen[level]], dim=1) if level < len(seen) else x)
         return found
 

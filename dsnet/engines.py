@@ -8,6 +8,7 @@ import torch
 from torch import Tensor, nn
 
 from dsmap.dsnet.checkpoint import WeightsInfo
+from dsmap.dsnet.dsnet_p import DSNetP
 from dsmap.dsnet.model import DSNet, fold_batch_norms, to_input
 from dsmap.errors import InputError
 
@@ -76,15 +77,24 @@ class OnnxEngine:
     name = "onnx"
 
     def __init__(self, model: nn.Module, info: WeightsInfo):
+        self._model, self._info = model, info
+        self._sessions: dict[tuple[int, int], Any] = {}
+        self._session(info.size)
+
+    def _session(self, size: tuple[int, int]) -> Any:
+        """The session of this image size; its graph is built when the first image of that size comes."""
         from dsmap.dsnet.onnx_export import build_onnx
 
-        self._session = onnx_session(build_onnx(model, info, unpool="blocked").SerializeToString())
+        if size not in self._sessions:
+            graph = build_onnx(self._model, self._info, size, unpool="blocked")
+            self._sessions[size] = onnx_session(graph.SerializeToString())
+        return self._sessions[size]
 
     def probabilities(self, rgb: np.ndarray, geometry: np.ndarray | None) -> np.ndarray:
         inputs = {"image": rgb[None]}
         if geometry is not None:
             inputs["geometry"] = geometry[None].astype(np.float32, copy=False)
-        return self._session.run(None, inputs)[0][0]
+        return self._session((rgb.shape[1], rgb.shape[0])).run(None, inputs)[0][0]
 
 
 def onnx_session(graph: bytes) -> Any:
@@ -115,7 +125,7 @@ def choose_engine(name: str, model: nn.Module, device: torch.device) -> str:
     """
     if name not in get_args(EngineName):
         raise InputError(f"engine is {name!r}, expected one of: {', '.join(get_args(EngineName))}")
-    fits = isinstance(model, DSNet) and device.type == "cpu"
+    fits = isinstance(model, DSNet | DSNetP) and device.type == "cpu"
     if name == "auto":
         return "onnx" if fits and has_onnx() else "torch"
     if name == "onnx" and not fits:

@@ -7,12 +7,15 @@ import numpy as np
 import torch
 from torch import nn
 
-from dsmap.dsnet.checkpoint import WeightsInfo, load_weights
+from dsmap.dsnet.checkpoint import DEFAULT, WeightsInfo, load_weights
 from dsmap.dsnet.config import GEOMETRY_CHANNELS
 from dsmap.dsnet.engines import Engine, OnnxEngine, TorchEngine, choose_engine
 from dsmap.errors import InputError
-from dsmap.frame import Frame
+from dsmap.frame import Frame, FrameGeometry
 from dsmap.sequences.images import resize_colour, resize_nearest
+
+_STRETCH = 0.1
+"""Largest log ratio of two aspect ratios that count as the same."""
 
 
 class DSNetSegmenter:
@@ -49,7 +52,7 @@ class DSNetSegmenter:
     def predict(self, rgb: np.ndarray, geometry: np.ndarray | None = None) -> np.ndarray:
         """Calibrated probabilities, float32, shape (h, w, classes); rows sum to 1.
 
-        (h, w) is half the working size of the weights.
+        (h, w) is half the size of `fitting_size`.
 
         Args:
             rgb: uint8 (H, W, 3).
@@ -61,24 +64,59 @@ class DSNetSegmenter:
         """Both at the working size; geometry only if the network reads it, then 0 where there is none."""
         if rgb.dtype != np.uint8 or rgb.ndim != 3 or rgb.shape[2] != 3:
             raise InputError(f"network: found an image of {rgb.dtype} {rgb.shape}, expected uint8 (H, W, 3)")
-        image = np.ascontiguousarray(resize_colour(rgb, *self.info.size))
+        size = fitting_size(self.info.size, rgb.shape[1], rgb.shape[0])
+        image = np.ascontiguousarray(resize_colour(rgb, *size))
         if self.info.config.channels == 3:
             return image, None
         if geometry is None:
             return image, np.zeros((*image.shape[:2], GEOMETRY_CHANNELS), np.float32)
-        return image, np.ascontiguousarray(resize_nearest(geometry, *self.info.size), dtype=np.float32)
+        return image, np.ascontiguousarray(resize_nearest(geometry, *size), dtype=np.float32)
 
-    def __call__(self, frame: Frame) -> np.ndarray:
-        return self.predict(frame.rgb)
+    @property
+    def wants_geometry(self) -> bool:
+        """Whether the network reads geometry (see `dsmap.fusion.segmenter.GeometrySegmenter`)."""
+        return self.info.config.channels > 3
+
+    def __call__(self, frame: Frame, geometry: FrameGeometry | None = None) -> np.ndarray:
+        return self.predict(frame.rgb, None if geometry is None else geometry.channels)
+
+
+def fitting_size(size: tuple[int, int], width: int, height: int) -> tuple[int, int]:
+    """The size at which a network sees an image: the working size, or one of its area and the image's shape.
+
+    An image whose aspect ratio is nearly that of the working size is stretched a little; one on its side, or of
+    another camera (16:9), gets multiples of 32 of its own.
+    """
+    wanted = width / height
+
+    def stretch(candidate: tuple[int, int]) -> float:
+        return abs(np.log(candidate[0] / candidate[1] / wanted))
+
+    if stretch(size) <= _STRETCH:
+        return size
+    area = size[0] * size[1]
+    sides = range(32, area // 32 + 1, 32)
+    found = [
+        (w, h) for w in sides for h in (round(w / wanted / 32) * 32,) if h and 0.75 * area < w * h <= area
+    ]
+    return min(found, key=lambda c: (stretch(c) > _STRETCH, -c[0] * c[1], stretch(c)), default=size)
 
 
 def load_segmenter(
-    weights: Path | str | None = None, device: str = "cpu", engine: str = "auto"
+    weights: Path | str | None = None, device: str = "cpu", engine: str = "auto", prior: float | None = None
 ) -> DSNetSegmenter:
-    """The segmenter of a weights file or of a name of `SHIPPED`; None: dsnet.
+    """The segmenter of a weights file or of a name of `SHIPPED`; None: dsnet-p.
+
+    Args:
+        prior: class prior of the probabilities, 0 as frequent as in the training data to 1 all alike; None: as
+            the weights say.
 
     Raises:
         InputError: the file is missing, damaged or not a DS-Net of dsmap, or there is no such engine here.
     """
-    model, info = load_weights(weights or "dsnet")
+    model, info = load_weights(weights or DEFAULT)
+    if prior is not None:
+        if not 0 <= prior <= 1:
+            raise InputError(f"prior is {prior:g}, expected 0 (as in the data) to 1 (all classes alike)")
+        info.prior = prior
     return DSNetSegmenter(model, info, device, engine)

@@ -25,6 +25,7 @@ from dsmap.dsnet.checkpoint import WeightsInfo, load_weights, record_of, save_we
 from dsmap.dsnet.config import AugmentConfig, NetConfig, TrainConfig
 from dsmap.dsnet.data import LabelledImages, class_weights, drawn_shares
 from dsmap.dsnet.datasets.registry import open_set, open_sets
+from dsmap.dsnet.distil import Teacher, soft_loss
 from dsmap.dsnet.log import Log
 from dsmap.dsnet.measure import fit_temperature, score
 from dsmap.dsnet.memory import keep_memory
@@ -50,6 +51,7 @@ def train(
     config: TrainConfig,
     *,
     init: Path | None = None,
+    teacher: Path | str | None = None,
     resume: bool = False,
     device: str = "cpu",
     workers: int = 1,
@@ -64,6 +66,7 @@ def train(
         data, val: data sets (see `open_set`) to train on and to validate with, of the same classes.
         net: the network; its classes become those of the data.
         init: weights to start from (fine-tuning), of the same network but for classes and depth.
+        teacher: weights whose answers are learnt beside the labels (see `distil`).
         resume: go on from the checkpoint in `out`; it must be of the same configuration and data.
         workers: processes that prepare images; 0: this one.
         log: write TensorBoard events to `out`/log, if the library is there.
@@ -77,12 +80,18 @@ def train(
     """
     keep_memory()
     with joined(device) as ranks:
-        images, held_back = read_data(data, val, net, progress and ranks.first)
+        seen = net.channels > 3 or teacher is not None
+        images, held_back = read_data(data, val, seen, progress and ranks.first)
         net = replace(net, classes=len(images.class_names))
         run = run_record(net, augmentation, config, images)
         state = start(out, net, config, run, init, resume, ranks)
-        stream = AugmentedStream(images, augmentation, config, with_geometry=net.channels > 3)
-        loop(state, stream, held_back, Job(out, run, ranks, workers, progress, log))
+        stream = AugmentedStream(images, augmentation, config, with_geometry=seen)
+        weights = class_weights(images, config.balance, config.shares, config.balance_power)
+        master = None
+        if teacher is not None:
+            trained = drawn_shares(images, config.shares) * weights
+            master = Teacher(teacher, images.class_names, trained, ranks.device)
+        loop(state, stream, held_back, weights, Job(out, run, ranks, workers, progress, log, master))
         about = {"data": [str(path) for path in data], "val": str(val), "stages": earlier_stages(init)}
         about |= {"seconds": round(state.seconds, 1), "device": device, "processes": ranks.world}
         about["images_per_second"] = round(state.step * config.batch / max(state.seconds, 1e-9), 2)
@@ -103,6 +112,7 @@ class Job:
     workers: int
     progress: bool
     log: bool
+    teacher: Teacher | None = None
 
 
 def run_record(
@@ -133,9 +143,15 @@ def start(
     return state
 
 
-def loop(state: State, stream: AugmentedStream, held_back: LabelledImages, job: Job) -> None:
-    """All steps that are left, with validations and checkpoints by rank 0."""
-    config, images, ranks = stream.config, stream.images, job.ranks
+def loop(
+    state: State, stream: AugmentedStream, held_back: LabelledImages, balance: np.ndarray, job: Job
+) -> None:
+    """All steps that are left, with validations and checkpoints by rank 0.
+
+    Args:
+        balance: weight of each class in the loss, shape (classes,).
+    """
+    config, ranks = stream.config, job.ranks
     loader = DataLoader(
         stream,
         batch_size=config.batch // ranks.world,
@@ -143,8 +159,7 @@ def loop(state: State, stream: AugmentedStream, held_back: LabelledImages, job: 
         num_workers=job.workers,
         worker_init_fn=_in_a_worker,
     )
-    weights = torch.from_numpy(class_weights(images, config.balance, config.shares, config.balance_power))
-    weights = weights.to(ranks.device)
+    weights = torch.from_numpy(balance).to(ranks.device)
     parallel = ranks.parallel(state.model)
     events = Log(job.out / "log", state.step, job.log and ranks.first)
     started = time.monotonic() - state.seconds
@@ -152,7 +167,7 @@ def loop(state: State, stream: AugmentedStream, held_back: LabelledImages, job: 
     shown = job.progress and ranks.first
     bar = tqdm(loader, initial=state.step, total=config.steps, unit="step", disable=not shown)
     for batch in bar:
-        losses.append(train_step(state, batch, weights, config, ranks, parallel))
+        losses.append(train_step(state, batch, weights, config, ranks, parallel, job.teacher))
         events.step(state.step, losses[-1], learning_rate(state.step - 1, config))
         bar.set_postfix({"loss": f"{losses[-1]:.3f}", "best mIoU": f"{max(state.best, 0):.3f}"})
         if state.step % config.validate_every == 0 or state.step == config.steps:
@@ -181,7 +196,7 @@ def earlier_stages(init: Path | None) -> list[dict]:
 
 
 def read_data(
-    data: Sequence[Path], val: Path, net: NetConfig, progress: bool
+    data: Sequence[Path], val: Path, with_geometry: bool, progress: bool
 ) -> tuple[LabelledImages, LabelledImages]:
     """The images to train on and to validate with, all of them read once.
 
@@ -192,7 +207,7 @@ def read_data(
     if parts[0].class_names != parts[1].class_names:
         raise InputError(f"{val}: its classes are not those of {data[0]}, expected the same classes")
     images, held_back = (
-        LabelledImages(part, with_geometry=net.channels > 3, progress=progress) for part in parts
+        LabelledImages(part, with_geometry=with_geometry, progress=progress) for part in parts
     )
     return images, held_back
 
@@ -212,6 +227,7 @@ def train_step(
     config: TrainConfig,
     ranks: Ranks,
     parallel: nn.Module | None = None,
+    teacher: Teacher | None = None,
 ) -> float:
     """One optimiser step on a batch of the stream, or on this rank's share of it; the loss of the whole batch.
 
@@ -219,6 +235,7 @@ def train_step(
         batch: images, uint8 (N, H, W, 3), labels, uint8 (N, H / 2, W / 2) [, geometry (N, H, W, 4)].
         weights: of the classes in the loss, shape (classes,).
         parallel: the model that averages gradients over the ranks; None: there is one rank.
+        teacher: whose probabilities take `config.distil` of the loss.
     """
     torch.manual_seed(config.seed * 1_000_003 + state.step + 7919 * ranks.rank)  # of dropout
     for group in state.optimiser.param_groups:
@@ -227,10 +244,14 @@ def train_step(
     labels = labels.long()
     state.model.train()
     with torch.autocast(torch.device(ranks.device).type, torch.bfloat16, enabled=config.precision == "bf16"):
-        logits = (parallel or state.model)(to_input(images, *geometry)).float()
+        reads_geometry = state.model.config.channels > 3  # type: ignore[union-attr]
+        logits = (parallel or state.model)(to_input(images, *geometry[:reads_geometry])).float()
     # Class-weighted mean over all ranks; void weighs 0. The clamp keeps a batch without any label finite.
     total = weighted_cross_entropy(logits, labels, weights, config.smoothing)
     loss = total / ranks.total(weights[labels].sum()).clamp(min=1.0)
+    if teacher is not None:
+        soft = soft_loss(logits, teacher(images, *geometry))
+        loss = (1 - config.distil) * loss + config.distil * soft / ranks.world
     state.optimiser.zero_grad(set_to_none=True)
     (loss * ranks.world).backward()  # gradients are averaged over the ranks
     state.optimiser.step()
@@ -263,7 +284,8 @@ def averaged_model(state: State, stream: AugmentedStream) -> nn.Module:
     with torch.no_grad():
         samples = (zip(*[stream[k] for k in batch], strict=True) for batch in batches)
         stacked = ([np.stack(part) for part in sample] for sample in samples)
-        update_bn((to_input(rgb, *more).to(device) for rgb, _, *more in stacked), model)
+        reads_geometry = model.config.channels > 3  # type: ignore[union-attr]
+        update_bn((to_input(rgb, *more[:reads_geometry]).to(device) for rgb, _, *more in stacked), model)
     return model.eval()
 
 

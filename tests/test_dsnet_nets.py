@@ -1,7 +1,6 @@
 """Networks by name: their sizes, their common contract, and what can start from what."""
 
 import dataclasses
-import importlib.util
 
 import numpy as np
 import pytest
@@ -15,7 +14,7 @@ from dsmap.dsnet.config import (  # noqa: E402
     ClassifierConfig,
     DeconvNetConfig,
     DSNetConfig,
-    LibraryNetConfig,
+    DSNetPConfig,
     NetChoice,
     TrainConfig,
 )
@@ -120,30 +119,16 @@ def test_choices_override_and_refuse():
     assert NetChoice("dsnet-l", growth=8, dropout=0.0).config(22) == dataclasses.replace(
         DSNETS["dsnet-l"], growth=8, dropout=0.0, classes=22
     )
-    assert NetChoice(depth=True).config().channels == 4
+    assert NetChoice(geometry=True).config().channels == 7 and NetChoice("dsnet-p").config().channels == 7
+    assert NetChoice("dsnet-p", geometry=False, encoder="lite0").config() == DSNetPConfig("lite0", channels=3)
     with pytest.raises(InputError, match="deconvnet has no layers"):
         NetChoice("deconvnet", layers=3).config()
-    with pytest.raises(InputError, match="4 channels"):
-        NetChoice("pspnet", depth=True).config()
+    with pytest.raises(InputError, match="dsnet has no encoder"):
+        NetChoice(encoder="lite0").config()
+    with pytest.raises(InputError, match="dsnet-p has no layers"):
+        NetChoice("dsnet-p", layers=3).config()
     with pytest.raises(InputError, match="width"):
         NetChoice("deconvnet", width=2.0).config()
-
-
-def test_missing_library_is_an_input_error():
-    if importlib.util.find_spec("segmentation_models_pytorch"):
-        pytest.skip("segmentation-models-pytorch is here")
-    with pytest.raises(InputError, match=r"pspnet needs segmentation_models_pytorch.*dsmap\[baselines\]"):
-        build(LibraryNetConfig("pspnet"))
-
-
-@pytest.mark.parametrize("name", ["pspnet", "deeplabv3"])
-def test_library_nets(name):
-    try:
-        model = build(LibraryNetConfig(name, classes=14)).eval()
-    except InputError as error:
-        pytest.skip(str(error))
-    with torch.inference_mode():
-        assert tuple(model(torch.zeros(1, 3, 128, 96)).shape) == (1, 14, 64, 48)
 
 
 @pytest.mark.parametrize("config", [TINY, THIN, dataclasses.replace(TINY, channels=7)])

@@ -31,6 +31,9 @@ class Args:
     """Of a recipe: where its data lies, NAME=PATH."""
     init: Path | None = None
     """Weights to start from (fine-tuning)."""
+    teacher: str | None = None
+    """Weights whose probabilities are learnt beside the labels (distillation): a file or the name of some that ship.
+    Then recordings without labels serve, too, as --data PATH@unlabelled."""
     resume: bool = False
     """Go on from the checkpoint in `out`, if there is one."""
     device: str = "cpu"
@@ -81,6 +84,7 @@ def run_stage(args: Args) -> dict:
         args.augment,
         args.train,
         init=args.init,
+        teacher=args.teacher,
         resume=args.resume,
         device=args.device,
         workers=args.workers,

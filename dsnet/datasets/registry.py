@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from dsmap.dsnet.datasets import folders, nyuv2, scannet, sunrgbd, voc
+from dsmap.dsnet.datasets import folders, nyuv2, scannet, sunrgbd, unlabelled, voc
 from dsmap.dsnet.datasets.base import LabelledSet
 from dsmap.errors import InputError
 
@@ -32,7 +32,7 @@ LAYOUTS: dict[str, Layout] = {
 
 
 def open_set(spec: Path | str) -> LabelledSet:
-    """A data set by its place: `PATH` or `PATH@SPLIT`; nothing is decoded yet.
+    """A data set by its place: `PATH` or `PATH@SPLIT`; nothing is decoded yet. `RECORDING@unlabelled`: its frames.
 
     Raises:
         InputError: nothing is there, parts are missing, or there is no such split.
@@ -40,6 +40,8 @@ def open_set(spec: Path | str) -> LabelledSet:
     path, split = _parse(str(spec))
     if not path.exists():
         raise InputError(f"{path}: no such folder, expected one with labelled images")
+    if split == unlabelled.SPLIT:
+        return unlabelled.load_unlabelled(path)
     for layout in LAYOUTS.values():
         if layout.matches(path):
             return layout.load(path, split)

@@ -10,7 +10,6 @@ from dsmap.dsnet.config import (
     AugmentConfig,
     DeconvNetConfig,
     DSNetConfig,
-    LibraryNetConfig,
     NetConfig,
     TrainConfig,
 )
@@ -63,7 +62,7 @@ SETTINGS = {
 def voc_lk(
     data: Sequence[Path], out: Path, setting: VocSetting, report: Report = print, **where: Any
 ) -> dict:
-    """mIoU for L in {3, 4, 5} and K in {8, 16, 32}, and of the baselines whose libraries load: Table 2.
+    """mIoU for L in {3, 4, 5} and K in {8, 16, 32}, and of DeconvNet: Table 2.
 
     Args:
         data: VOC 2012, then SBD or nothing (see `voc_view`).
@@ -81,11 +80,7 @@ def voc_lk(
         for layers in (3, 4, 5)
         for growth in (8, 16, 32)
     }
-    nets |= {
-        "pspnet": LibraryNetConfig("pspnet", _CLASSES),
-        "deeplabv3": LibraryNetConfig("deeplabv3", _CLASSES),
-        "deconvnet": DeconvNetConfig(setting.deconvnet_width, _CLASSES),
-    }
+    nets["deconvnet"] = DeconvNetConfig(setting.deconvnet_width, _CLASSES)
     nets = {name: net for name, net in nets.items() if name in setting.cells or not setting.cells}
     skipped = {
         name: reason
