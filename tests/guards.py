@@ -21,7 +21,8 @@ import loop_room
 import moving_scene
 import numpy as np
 import wall_corner
-from test_fusion_mapper import INTRINSICS, config, frames
+from corner_frames import config, frames
+from wall_corner import INTRINSICS
 
 from dsmap.frame import Frame, Intrinsics
 from dsmap.fusion.config import LabelConfig
@@ -52,7 +53,7 @@ def machine() -> str:
 
 
 def hash_of(*things: Any) -> str:
-    """SHA-256 of arrays, dataclasses, lists, dicts and plain values by what they hold, whatever their classes' names."""
+    """SHA-256 of arrays, dataclasses, lists, dicts and plain values by what they hold, not by their classes."""
     digest = hashlib.sha256()
 
     def add(thing: Any) -> None:
@@ -103,11 +104,11 @@ def labelled() -> Mapper:
 def loop() -> Mapper:
     """A turn through a room, drift, a way back, a loop."""
     mapper = loop_room.mapper()
-    for step in range(52):
+    for step in range(loop_room.AWAY):
         mapper.step(loop_room.frame(step, step))
-    loop_room.drift(mapper, np.array([0.06, 0.0, 0.05, 0.0, 0.02, 0.0]), first=20)
+    loop_room.drift(mapper, loop_room.DRIFT, first=20)
     for k in range(46):
-        mapper.step(loop_room.frame(52 + k, 51 - k))
+        mapper.step(loop_room.frame(loop_room.AWAY + k, loop_room.AWAY - 1 - k))
     return mapper
 
 
@@ -154,7 +155,15 @@ def hash_of_scene(scene: Scene) -> str:
     """Of all that is rendered and of where it stands."""
     parts = [(p.shape, p.material, p.label, p.instance, p.body) for p in scene.parts]
     pieces = [(p.name, p.room, p.instance, p.T_world_piece) for p in scene.pieces]
-    rest = (scene.materials, scene.lights, scene.ambient, scene.targets, scene.rooms, scene.doors, scene.bodies)
+    rest = (
+        scene.materials,
+        scene.lights,
+        scene.ambient,
+        scene.targets,
+        scene.rooms,
+        scene.doors,
+        scene.bodies,
+    )
     return hash_of(parts, pieces, *rest)
 
 
@@ -172,9 +181,7 @@ def small_frame(index: int) -> Frame:
     rgb, depth = wall_corner.room(T)
     rows, columns = np.linspace(0, 71, 48).astype(int), np.linspace(0, 95, 64).astype(int)
     label = np.where(np.arange(48)[:, None] < 26, 12, 5) * np.ones((48, 64))
-    return Frame(
-        index, index / 30, rgb[rows][:, columns], depth[rows][:, columns], T, label.astype(np.uint8)
-    )
+    return Frame(index, index / 30, rgb[rows][:, columns], depth[rows][:, columns], T, label.astype(np.uint8))
 
 
 def record_small(path: Path) -> Path:

@@ -18,6 +18,8 @@ _BOXES = [
 ]  # fmt: skip
 TURN = np.deg2rad(3.0)
 """Between two frames [rad]."""
+AWAY, DRIFT = 52, np.array([0.06, 0.0, 0.05, 0.0, 0.02, 0.0])
+"""Steps of the turn away, and the twist that is put into the map as its drift."""
 
 
 def look(T_world_camera: np.ndarray, paper: int = 0) -> tuple[np.ndarray, np.ndarray]:

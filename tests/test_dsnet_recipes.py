@@ -11,7 +11,7 @@ import pytest
 
 torch = pytest.importorskip("torch")
 
-from test_dsnet_train import CONFIG, MILD, TINY, coloured_rectangles, weights_hash  # noqa: E402
+from tiny_training import CONFIG, MILD, TINY, coloured_rectangles, weights_hash  # noqa: E402
 
 from dsmap.dsnet import train as training  # noqa: E402
 from dsmap.dsnet.checkpoint import load_weights  # noqa: E402

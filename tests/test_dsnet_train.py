@@ -1,7 +1,6 @@
 """Training: it learns, a killed run goes on as if nothing had happened, and its outputs are usable."""
 
 import dataclasses
-import hashlib
 import json
 import shutil
 
@@ -11,10 +10,11 @@ import pytest
 
 torch = pytest.importorskip("torch")
 
-from dsmap.classes import PALETTE  # noqa: E402
+from tiny_training import CONFIG, MILD, TINY, coloured_rectangles, weights_hash  # noqa: E402
+
 from dsmap.dsnet import train as training  # noqa: E402
 from dsmap.dsnet.checkpoint import WeightsInfo, load_weights  # noqa: E402
-from dsmap.dsnet.config import DSNETS, AugmentConfig, DSNetConfig, TrainConfig  # noqa: E402
+from dsmap.dsnet.config import DSNETS, DSNetConfig  # noqa: E402
 from dsmap.dsnet.data import LabelledImages  # noqa: E402
 from dsmap.dsnet.datasets.base import Example  # noqa: E402
 from dsmap.dsnet.datasets.registry import open_set  # noqa: E402
@@ -27,28 +27,7 @@ from dsmap.frame import Frame, Intrinsics  # noqa: E402
 from dsmap.sequences import SequenceWriter  # noqa: E402
 from dsmap.tools import cli  # noqa: E402
 
-TINY = DSNetConfig(layers=2, growth=4, widths=(8, 8, 8, 8), stem_convs=1, dropout=0.1)
-MILD = AugmentConfig(scale=(0.9, 1.2), rotate=0, hue=0, saturation=0, white_balance=0, blur=0, noise=0)
-CONFIG = TrainConfig(steps=12, batch=4, size=(64, 64), lr=1e-2, warmup=2, ema=0.5, validate_every=4)
-
-
 pytestmark = pytest.mark.usefixtures("one_thread")
-
-
-def coloured_rectangles(path, count=8, seed=0):
-    """Images whose colour tells the class: floor below, wall above, a box of a third class."""
-    rng = np.random.default_rng(seed)
-    for name in ("rgb", "label"):
-        (path / name).mkdir(parents=True)
-    for k in range(count):
-        label = np.full((64, 64), 12, np.uint8)
-        label[rng.integers(30, 45) :] = 5
-        y, x = rng.integers(5, 35, 2)
-        label[y : y + 24, x : x + 24] = rng.choice([1, 9])
-        rgb = np.clip(PALETTE[label] + rng.normal(0, 5, (64, 64, 3)), 0, 255).astype(np.uint8)
-        cv2.imwrite(str(path / "rgb" / f"{k}.png"), rgb[..., ::-1])
-        cv2.imwrite(str(path / "label" / f"{k}.png"), label)
-    return path
 
 
 @pytest.fixture(scope="module")
@@ -121,15 +100,6 @@ def test_fine_tuning_starts_from_the_given_weights(images, tmp_path):
     assert torch.equal(state.model.stem[0][0].weight, given.stem[0][0].weight)
     with pytest.raises(InputError, match="network is"):
         training.new_state(DSNetConfig(), short, best, "cpu")
-
-
-def weights_hash(path):
-    """Of the tensors alone: the notes of a weights file hold the seconds it took."""
-    model, _ = load_weights(path)
-    digest = hashlib.sha256()
-    for name, tensor in sorted(model.state_dict().items()):
-        digest.update(name.encode() + tensor.numpy().tobytes())
-    return digest.hexdigest()
 
 
 def test_the_same_command_gives_the_same_weights(images, tmp_path):

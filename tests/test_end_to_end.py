@@ -10,23 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import shared_data
-from test_fusion_mapper import FRAMES, INTRINSICS
+from corner_frames import FRAMES, record
 
 from dsmap.fusion.run_reader import load_run
-from dsmap.sequences import SequenceWriter
 from dsmap.tools.cli import COMMANDS, run, usage
 
 README = Path(__file__).parents[1] / "README.md"
 MAP = ["--segmenter", "labels", "--device", "cpu"]
-
-
-def record(path: Path, repeat: int = 1) -> Path:
-    """The frames of the ray-cast room as a recording on disk."""
-    with SequenceWriter(path, INTRINSICS, depth_max=6.0) as writer:
-        frames = (FRAMES + FRAMES[::-1]) * repeat if repeat > 1 else FRAMES
-        for i, f in enumerate(frames):
-            writer.write(i / 30, f.rgb, f.depth, T_world_camera=f.T_world_camera, label=f.label)
-    return path
 
 
 @pytest.fixture(scope="module")

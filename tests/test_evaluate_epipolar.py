@@ -3,33 +3,15 @@
 import cv2
 import numpy as np
 import pytest
+from two_walls import CAMERA, look
 
-from dsmap.frame import Intrinsics
 from dsmap.fusion.evaluate_epipolar import epipolar_error, epipolar_table, match_frames, sampson_distance
 from dsmap.fusion.lie import exp_se3
 from dsmap.sequences import SequenceWriter, open_sequence
 
-CAMERA = Intrinsics(320, 240, 290.0, 290.0, 159.5, 119.5)
 TRUE = exp_se3(np.array([0.12, 0.03, 0.05, 0.01, -0.03, 0.02]))
 """T_world_camera of the second of two frames; the first is the world."""
 WRONG = TRUE @ exp_se3(np.array([0, 0, 0, np.deg2rad(1.0), 0, 0]))
-
-
-def look(T_world_camera: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Two walls with random patterns, 2 m and 3 m away, left and right of x = 0."""
-    x, y = np.meshgrid(np.arange(320), np.arange(240))
-    rays = np.stack([(x - CAMERA.cx) / CAMERA.fx, (y - CAMERA.cy) / CAMERA.fy, np.ones(x.shape)], axis=-1)
-    rays = rays @ T_world_camera[:3, :3].T
-    origin = T_world_camera[:3, 3]
-    near, far = ((z - origin[2]) / rays[..., 2] for z in (2.0, 3.0))
-    left = origin[0] + near * rays[..., 0] < 0
-    depth = np.where(left, near, far)
-    points = origin + depth[..., None] * rays
-    noise = np.random.default_rng(0).integers(0, 255, (400, 400)).astype(np.float32)
-    pattern = cv2.GaussianBlur(cv2.resize(noise, (1600, 1600), interpolation=cv2.INTER_CUBIC), (0, 0), 2)
-    u, v = ((points[..., k] * 200 + 800).astype(np.float32) for k in (0, 1))
-    grey = cv2.remap(pattern, u, v, cv2.INTER_LINEAR).clip(0, 255).astype(np.uint8)
-    return np.repeat(grey[..., None], 3, axis=2), depth.astype(np.float32)
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 import wall_corner
-from test_kernels_shutter import READOUT, TWIST, rolled
+from wall_corner import READOUT, TWIST, rolled
 
 from dsmap.fusion.evaluate_epipolar import sampson_distance
 from dsmap.fusion.evaluate_rows import Rows, rows_of

@@ -4,7 +4,7 @@ import sys
 
 import numpy as np
 import pytest
-from test_evaluate_epipolar import CAMERA, look
+from two_walls import CAMERA, look
 
 from dsmap.fusion import evaluate_sfm
 from dsmap.fusion.evaluate_sfm import Structure, sfm_table, structure_from_motion

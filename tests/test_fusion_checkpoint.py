@@ -7,10 +7,11 @@ import shutil
 import loop_room
 import numpy as np
 import pytest
+from corner_frames import FRAMES, config, frames
+from loop_room import AWAY, DRIFT
 from safetensors import safe_open
 from safetensors.numpy import load_file, save_file
-from test_fusion_loops import AWAY, DRIFT
-from test_fusion_mapper import FRAMES, INTRINSICS, config, frames
+from wall_corner import INTRINSICS
 
 from dsmap.errors import InputError
 from dsmap.frame import Frame

@@ -7,13 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from loop_room import drift, frame, mapper, pose
+from loop_room import AWAY, DRIFT, drift, frame, mapper, pose
 from scipy.spatial import KDTree
 
 from dsmap.fusion.lie import inverse, rotation_angle
 from dsmap.fusion.mapper import Mapper
-
-AWAY, DRIFT = 52, np.array([0.06, 0.0, 0.05, 0.0, 0.02, 0.0])
 
 
 def error(m: Mapper, step: float) -> float:

@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from wall_corner import INTRINSICS, room
+from corner_frames import FLOOR, FRAMES, WALL, config
+from wall_corner import INTRINSICS
 
 from dsmap.classes import CLASS_NAMES
 from dsmap.errors import InputError
@@ -13,26 +14,6 @@ from dsmap.fusion.config_file import fill
 from dsmap.fusion.lie import exp_se3, inverse
 from dsmap.fusion.mapper import Mapper
 from dsmap.fusion.semantics import GroundTruthSegmenter, Schedule
-
-WALL, FLOOR = CLASS_NAMES.index("wall"), CLASS_NAMES.index("floor")
-
-
-def frames(count: int, step: float = 0.006) -> list[Frame]:
-    """A slow arc through the room."""
-    out = []
-    for i in range(count):
-        T = exp_se3(np.array([step * i, 0.3 * step * i, 0, 0, -0.8 * step * i, 0]))
-        rgb, depth = room(T)
-        label = np.where(np.arange(72)[:, None] < 40, WALL, FLOOR) * np.ones((72, 96))
-        out.append(Frame(i, i / 30, rgb, depth, T, label.astype(np.uint8)))
-    return out
-
-
-FRAMES = frames(14)
-
-
-def config(**changes) -> MapConfig:
-    return MapConfig(depth_max=6.0, **changes)
 
 
 def test_tracks_and_fuses():

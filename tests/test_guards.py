@@ -54,7 +54,11 @@ def test_hashes_do_not_depend_on_the_number_of_threads():
         names = ("DSMAP_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
         environment = {**os.environ, **dict.fromkeys(names, threads)}
         done = subprocess.run(
-            [sys.executable, "-c", code], env=environment, cwd=guards.KEPT.parent, capture_output=True, text=True
+            [sys.executable, "-c", code],
+            env=environment,
+            cwd=guards.KEPT.parent,
+            capture_output=True,
+            text=True,
         )
         answers.add(done.stdout)
     assert len(answers) == 1 and "labelled" in answers.pop()

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import random_scene
 import warp as wp
-from test_fusion_mapper import config, frames
+from corner_frames import config, frames
 from wall_corner import INTRINSICS, room
 
 from dsmap.frame import Frame

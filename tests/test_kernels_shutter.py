@@ -5,6 +5,7 @@ import pytest
 import reference
 import wall_corner
 import warp as wp
+from wall_corner import READOUT, TWIST, rolled
 
 from dsmap.frame import Frame
 from dsmap.fusion.config import MapConfig, TrackConfig
@@ -18,18 +19,7 @@ from dsmap.kernels.shutter import global_shutter
 from dsmap.metrics import ate_rmse
 
 CPU = wp.get_device("cpu")
-LEVELS, READOUT = wall_corner.LEVELS, 0.026
-TWIST = np.array([0.3, -0.4, 0.2, 0.5, 0.9, -0.4])
-"""Walking pace and 60 degrees a second."""
-
-
-def rolled(T_world_camera: np.ndarray, twist: np.ndarray = TWIST) -> tuple[np.ndarray, np.ndarray]:
-    """Colour and depth of the corner, each row from where the camera is when it is read."""
-    height = LEVELS[0].height
-    times = (np.arange(height) / (height - 1) - 0.5) * READOUT
-    views = [wall_corner.view(T_world_camera @ exp_se3(twist * t)) for t in times]
-    rgb, depth = (np.stack([view[k][row] for row, view in enumerate(views)]) for k in (0, 1))
-    return rgb, depth
+LEVELS = wall_corner.LEVELS
 
 
 def test_the_kernel_equals_its_twin():

@@ -5,7 +5,7 @@ import time
 
 import numpy as np
 import pytest
-from test_fusion_mapper import FRAMES
+from corner_frames import FRAMES
 from wall_corner import INTRINSICS
 
 from dsmap.errors import InputError

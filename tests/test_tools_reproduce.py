@@ -7,7 +7,7 @@ import subprocess
 import pytest
 import tyro
 import yaml
-from test_end_to_end import record
+from corner_frames import record
 
 from dsmap.errors import InputError
 from dsmap.tools import reproduce

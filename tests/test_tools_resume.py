@@ -9,8 +9,8 @@ from pathlib import Path
 import loop_room
 import numpy as np
 import pytest
+from corner_frames import record
 from safetensors.numpy import load_file
-from test_end_to_end import record
 
 from dsmap.fusion.run_reader import load_run
 from dsmap.sequences import SequenceWriter

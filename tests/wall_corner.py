@@ -7,10 +7,15 @@ import numpy as np
 import reference
 
 from dsmap.frame import Intrinsics
+from dsmap.fusion.lie import exp_se3
 from dsmap.kernels.camera import make_camera
 
 INTRINSICS = Intrinsics(96, 72, 90.0, 91.0, 47.2, 35.9)
 LEVELS = [make_camera(INTRINSICS.scaled(96 >> level, 72 >> level)) for level in range(3)]
+READOUT = 0.026
+"""Of a rolling shutter [s]."""
+TWIST = np.array([0.3, -0.4, 0.2, 0.5, 0.9, -0.4])
+"""Walking pace and 60 degrees a second."""
 _PLANES = [((0, 0, -1), -2.5), ((1, 0, -0.3), -1.6), ((0, -1, -0.2), -1.7)]
 
 
@@ -47,3 +52,12 @@ def distance(points: np.ndarray) -> np.ndarray:
     """Of world points, shape (N, 3), to the nearest plane [m]."""
     off = [np.abs(points @ np.array(n) - d) / np.linalg.norm(n) for n, d in _PLANES]
     return np.min(off, axis=0)
+
+
+def rolled(T_world_camera: np.ndarray, twist: np.ndarray = TWIST) -> tuple[np.ndarray, np.ndarray]:
+    """Colour and depth of the corner, each row from where the camera is when it is read."""
+    height = LEVELS[0].height
+    times = (np.arange(height) / (height - 1) - 0.5) * READOUT
+    views = [view(T_world_camera @ exp_se3(twist * t)) for t in times]
+    rgb, depth = (np.stack([view[k][row] for row, view in enumerate(views)]) for k in (0, 1))
+    return rgb, depth
