@@ -1,8 +1,8 @@
 """What must not change when code only moves: hashes of maps, trajectories and rooms, and a RUN of an earlier dsmap.
 
-`python tests/guards.py --write` states today's hashes in `tests/kept/guards.json` (after a change that is meant to
-change results); `--write-run` makes the old RUN anew, which is only ever needed when its format ends. Hashes are of
-one kind of machine: compilers and mathematical libraries round differently on others.
+`--write` states today's hashes in `kept/guards.json` (after a change that is meant to change results); `--write-run
+FOLDER` makes the old RUN anew, which is only ever needed when its format ends. Hashes are of one kind of machine:
+compilers and mathematical libraries round differently on others.
 """
 
 import argparse

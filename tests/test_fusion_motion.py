@@ -1,4 +1,4 @@
-"""The camera's motion as one more measurement (fusion/motion.py), and the algebra of twists that it needs."""
+"""The motion of the camera as one more measurement (fusion/motion.py), and the algebra of twists."""
 
 import numpy as np
 import pytest
