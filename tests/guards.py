@@ -206,7 +206,7 @@ def write_old_run(folder: Path) -> None:
 
 def unpack_old_run(folder: Path) -> Path:
     with lzma.open(OLD_RUN, "rb") as file, tarfile.open(fileobj=file) as tar:
-        tar.extractall(folder, filter="kept")
+        tar.extractall(folder, filter="data")
     return folder / "run"
 
 
