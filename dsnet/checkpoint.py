@@ -12,7 +12,7 @@ from torch import Tensor, nn
 
 from dsmap.classes import CLASS_NAMES
 from dsmap.dsnet.config import DeconvNetConfig, DSNetConfig, DSNetPConfig, NetConfig
-from dsmap.dsnet.nets import build
+from dsmap.dsnet.networks.build import build
 from dsmap.errors import InputError
 from dsmap.files import atomic_path
 

@@ -4,11 +4,11 @@ import numpy as np
 
 from dsmap.frame import Frame, Intrinsics
 from dsmap.fusion.config import MapConfig
-from dsmap.fusion.integrate import Integrator
-from dsmap.fusion.loop_record import LoopRecord
+from dsmap.fusion.loops.record import LoopRecord
 from dsmap.fusion.mapper import Mapper
 from dsmap.fusion.segmenter import Segmenter
 from dsmap.fusion.step_result import StepResult
+from dsmap.fusion.surfels.integrator import Integrator
 from dsmap.kernels.types import FrameMaps
 
 

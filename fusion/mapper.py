@@ -14,22 +14,22 @@ from dsmap.errors import InputError
 from dsmap.frame import Frame, Intrinsics, orthonormal
 from dsmap.fusion.config import MapConfig
 from dsmap.fusion.device import chosen_device
-from dsmap.fusion.gravity import MapGravity
-from dsmap.fusion.integrate import Integrator
+from dsmap.fusion.labels.gravity import MapGravity
+from dsmap.fusion.labels.segment import segment
+from dsmap.fusion.labels.semantics import Schedule
 from dsmap.fusion.lie import inverse
-from dsmap.fusion.loop_closure import LoopCloser
-from dsmap.fusion.loop_record import LoopRecord, Moment
-from dsmap.fusion.motion import Motion
-from dsmap.fusion.moving import MovingThings, without
-from dsmap.fusion.pose_check import PoseCheck
-from dsmap.fusion.segment import segment
+from dsmap.fusion.loops.loop_closure import LoopCloser
+from dsmap.fusion.loops.record import LoopRecord, Moment
 from dsmap.fusion.segmenter import Segmenter, wants_geometry
-from dsmap.fusion.semantics import Schedule
-from dsmap.fusion.shutter import at_once, put_right, rolling
 from dsmap.fusion.step_result import StepResult
-from dsmap.fusion.tracker import ModelView, Tracker
+from dsmap.fusion.surfels.integrator import Integrator
+from dsmap.fusion.surfels.views import Views, has_left, pyramid_cameras
+from dsmap.fusion.tracking.motion_filter import Motion
+from dsmap.fusion.tracking.moving_things import MovingThings, without
+from dsmap.fusion.tracking.pose_check import PoseCheck
+from dsmap.fusion.tracking.rolling_shutter import at_once, put_right, rolling
+from dsmap.fusion.tracking.tracker import ModelView, Tracker
 from dsmap.fusion.trajectory import TrajectoryPoint, extrapolated
-from dsmap.fusion.views import Views, has_left, pyramid_cameras
 from dsmap.kernels.compact import Sweep
 from dsmap.kernels.culling import Blocks
 from dsmap.kernels.label import posterior
@@ -162,7 +162,7 @@ class Mapper:
 
     def save(self, run_dir: Path | str) -> None:
         """Write map.ply, labels.ply, trajectory.txt, classes.json and the checkpoint into a folder."""
-        from dsmap.fusion.run_folder import save_run
+        from dsmap.fusion.runs.run_folder import save_run
 
         save_run(self, Path(run_dir))
 

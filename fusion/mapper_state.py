@@ -7,9 +7,9 @@ import numpy as np
 import warp as wp
 
 from dsmap.errors import InputError
-from dsmap.fusion.ferns import FernDatabase
-from dsmap.fusion.loop_record import LoopRecord
+from dsmap.fusion.loops.record import LoopRecord
 from dsmap.fusion.mapper import Mapper
+from dsmap.fusion.places.ferns import FernDatabase
 from dsmap.fusion.trajectory import TrajectoryPoint
 from dsmap.kernels.types import SurfelMap
 

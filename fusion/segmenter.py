@@ -24,7 +24,7 @@ class GeometrySegmenter(Protocol):
     """A segmenter with the attribute `wants_geometry = True`: it is shown what the mapper knows of the frame.
 
     Its frames are upright: a camera that is held on its side or upside down is turned by the map's up before, and
-    the probabilities are turned back (see `dsmap.fusion.upright`). A frame on its side is higher than wide.
+    the probabilities are turned back (see `dsmap.fusion.labels.upright`). A frame on its side is higher than wide.
     """
 
     wants_geometry: bool

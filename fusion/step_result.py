@@ -4,8 +4,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from dsmap.fusion.loop_record import LoopRecord
-from dsmap.fusion.tracker import Health
+from dsmap.fusion.loops.record import LoopRecord
+from dsmap.fusion.tracking.tracker import Health
 
 
 @dataclass

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from dsmap.classes import CLASS_NAMES
-from dsmap.sim_scenes.shapes import Shape, merged, rotation_z
+from dsmap.sim_scenes.geometry.shapes import Shape, merged, rotation_z
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from guards import ALL_FRAMES, MAPS, OLD_FRAMES, SEEDS
 
-from dsmap.fusion.run_reader import load_run
-from dsmap.sim_scenes.rooms import SCENES
+from dsmap.fusion.runs.read_run import load_run
+from dsmap.sim_scenes.rooms.build import SCENES
 from dsmap.tools.cli import run
 
 

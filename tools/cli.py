@@ -10,49 +10,67 @@ import tyro
 from dsmap.errors import InputError, InputWarning
 
 COMMANDS: dict[str, tuple[str, str]] = {
-    "map": ("dsmap.tools.map", "Map an RGB-D recording: trajectory, surfels, labels, pictures."),
-    "info": ("dsmap.tools.info", "Say what dsmap understands of a recording, without mapping it."),
-    "evaluate": ("dsmap.tools.evaluate", "Score a run against a reference, or a network on labelled images."),
-    "view": ("dsmap.tools.view", "Show a run in the browser, or render it to pictures."),
-    "bench": ("dsmap.tools.bench", "Time every stage, and a peer on the same frames in the same run."),
+    "map": ("dsmap.tools.commands.map", "Map an RGB-D recording: trajectory, surfels, labels, pictures."),
+    "info": ("dsmap.tools.commands.info", "Say what dsmap understands of a recording, without mapping it."),
+    "evaluate": (
+        "dsmap.tools.commands.evaluate",
+        "Score a run against a reference, or a network on labelled images.",
+    ),
+    "view": ("dsmap.tools.commands.view", "Show a run in the browser, or render it to pictures."),
+    "bench": (
+        "dsmap.tools.commands.bench",
+        "Time every stage, and a peer on the same frames in the same run.",
+    ),
     "bench-scale": (
-        "dsmap.tools.bench_scale",
+        "dsmap.tools.commands.bench_scale",
         "Time frames in maps of 0.1 to 10 million surfels with the same view.",
     ),
     "bench-robustness": (
-        "dsmap.tools.bench_robustness",
+        "dsmap.tools.commands.bench_robustness",
         "Try to lose the camera in rendered rooms: fast turns, a covered lens, leaps.",
     ),
     "reproduce": (
-        "dsmap.tools.reproduce",
+        "dsmap.tools.commands.reproduce",
         "Make the figures of README and docs again; stated against measured.",
     ),
-    "render-scene": ("dsmap.tools.render_scene", "Render a labelled RGB-D sequence of a synthetic room."),
-    "bench-render": ("dsmap.tools.bench_render", "Frames a second of every renderer."),
+    "render-scene": (
+        "dsmap.tools.commands.render_scene",
+        "Render a labelled RGB-D sequence of a synthetic room.",
+    ),
+    "bench-render": ("dsmap.tools.commands.bench_render", "Frames a second of every renderer."),
     "contact-sheet": (
-        "dsmap.tools.contact_sheet",
+        "dsmap.tools.commands.contact_sheet",
         "Render one view of each of many scenes into one picture.",
     ),
-    "convert": ("dsmap.tools.convert", "Write a recording as NYU40 labels, COCO panoptic or nerfstudio."),
-    "train": ("dsmap.tools.train", "Train DS-Net on sequences or on images with labels."),
+    "convert": (
+        "dsmap.tools.commands.convert",
+        "Write a recording as NYU40 labels, COCO panoptic or nerfstudio.",
+    ),
+    "train": ("dsmap.tools.commands.train", "Train DS-Net on sequences or on images with labels."),
     "model-card": (
-        "dsmap.tools.model_card",
+        "dsmap.tools.commands.model_card",
         "Write what weights are made of, and how they validated, as a page.",
     ),
     "experiment": (
-        "dsmap.tools.experiment",
+        "dsmap.tools.commands.experiment",
         "The paper's experiments: CIFAR-10, VOC 2012, NYUv2, rendered data.",
     ),
     "validation-split": (
-        "dsmap.tools.validation_split",
+        "dsmap.tools.commands.validation_split",
         "Cut a validation set out of numbered images, where no view is shared.",
     ),
     "bench-net": (
-        "dsmap.tools.bench_net",
+        "dsmap.tools.commands.bench_net",
         "Time the network in torch, ONNX Runtime and OpenVINO; are they equal?",
     ),
-    "export-onnx": ("dsmap.tools.export_onnx", "Write trained weights as an ONNX file for other programs."),
-    "cut": ("dsmap.tools.cut", "Copy a stretch of a recording into a new sequence in the TUM layout."),
+    "export-onnx": (
+        "dsmap.tools.commands.export_onnx",
+        "Write trained weights as an ONNX file for other programs.",
+    ),
+    "cut": (
+        "dsmap.tools.commands.cut",
+        "Copy a stretch of a recording into a new sequence in the TUM layout.",
+    ),
 }
 """Command name to (module, one line of help). Each module has `Args` (a dataclass) and `main(args)`, and may have
 `defaults(argv)`: an Args that stands for the flags not given."""

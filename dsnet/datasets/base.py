@@ -8,7 +8,7 @@ import numpy as np
 from PIL import Image, UnidentifiedImageError
 
 from dsmap.classes import CLASS_NAMES, VOID
-from dsmap.dsnet.geometry import DepthView
+from dsmap.dsnet.datasets.geometry import DepthView
 from dsmap.errors import InputError
 from dsmap.sequences.images import read_colour, read_depth, resize_colour
 

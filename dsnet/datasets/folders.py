@@ -5,8 +5,8 @@ from pathlib import Path
 
 from dsmap.classes import CLASS_NAMES
 from dsmap.dsnet.datasets.base import FileItem, Item, LabelledSet
+from dsmap.dsnet.datasets.geometry import DepthView
 from dsmap.dsnet.datasets.splits import select, validation_numbers
-from dsmap.dsnet.geometry import DepthView
 from dsmap.errors import InputError
 from dsmap.sequences.calibration import read_calibration
 from dsmap.sequences.tum import is_tum, read_tum

@@ -15,8 +15,8 @@ import scipy.io
 
 from dsmap.classes import CLASS_NAMES, NYU40_TO_13
 from dsmap.dsnet.datasets.base import Example, LabelledSet, require, to_classes
+from dsmap.dsnet.datasets.geometry import DepthView
 from dsmap.dsnet.datasets.splits import select, validation_numbers
-from dsmap.dsnet.geometry import DepthView
 from dsmap.errors import InputError
 from dsmap.frame import Intrinsics
 from dsmap.sequences.images import clean_depth

@@ -7,7 +7,7 @@ import numpy as np
 
 from dsmap.classes import CLASS_NAMES, NYU40_TO_13
 from dsmap.dsnet.datasets.base import FileItem, Item, LabelledSet, read_list, require
-from dsmap.dsnet.geometry import DepthView
+from dsmap.dsnet.datasets.geometry import DepthView
 from dsmap.errors import InputError
 from dsmap.frame import Intrinsics
 

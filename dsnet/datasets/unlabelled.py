@@ -9,7 +9,7 @@ import numpy as np
 
 from dsmap.classes import CLASS_NAMES
 from dsmap.dsnet.datasets.base import Example, LabelledSet
-from dsmap.dsnet.geometry import DepthView
+from dsmap.dsnet.datasets.geometry import DepthView
 from dsmap.sequences import Sequence, open_sequence
 
 SPLIT = "unlabelled"

@@ -15,8 +15,8 @@ from dsmap.dsnet.datasets.registry import open_set
 from dsmap.dsnet.experiments.cells import Cell, Report, run_cells, write_json, write_table
 from dsmap.dsnet.experiments.plots import plot_bars, plot_curves
 from dsmap.dsnet.experiments.segment import SCORE_COLUMNS, Run, score_row, training_cell
-from dsmap.dsnet.measure import score
-from dsmap.dsnet.predict import load_segmenter
+from dsmap.dsnet.inference.predict import load_segmenter
+from dsmap.dsnet.scoring.measure import score
 from dsmap.errors import InputError
 from dsmap.sequences.images import resize_nearest
 

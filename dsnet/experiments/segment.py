@@ -9,8 +9,8 @@ from typing import Any
 from dsmap.dsnet.checkpoint import record_of
 from dsmap.dsnet.config import AugmentConfig, NetConfig, TrainConfig
 from dsmap.dsnet.experiments.cells import Cell
-from dsmap.dsnet.nets import build
-from dsmap.dsnet.train import train
+from dsmap.dsnet.networks.build import build
+from dsmap.dsnet.training.train import train
 from dsmap.errors import InputError
 
 

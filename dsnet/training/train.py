@@ -1,0 +1,347 @@
+"""Training in one loop: what a step sees depends on the seed and the step only.
+
+So a run that was killed and resumed ends with the same weights as one that was not (on one machine and
+thread count), and a checkpoint needs no state of random generators.
+"""
+
+import copy
+import json
+import math
+import os
+import time
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import torch
+import torch.nn.functional as F
+from torch import Tensor, nn
+from torch.optim.swa_utils import update_bn
+from torch.utils.data import DataLoader
+from tqdm import tqdm
+
+from dsmap.dsnet.checkpoint import WeightsInfo, load_weights, record_of, save_weights
+from dsmap.dsnet.config import AugmentConfig, NetConfig, TrainConfig
+from dsmap.dsnet.data import LabelledImages, class_weights, drawn_shares
+from dsmap.dsnet.datasets.registry import open_set, open_sets
+from dsmap.dsnet.inference.predict import DSNetSegmenter
+from dsmap.dsnet.networks.dsnet import to_input
+from dsmap.dsnet.scoring.measure import fit_temperature, score
+from dsmap.dsnet.training.distil import Teacher, soft_loss
+from dsmap.dsnet.training.log import Log
+from dsmap.dsnet.training.memory import keep_memory
+from dsmap.dsnet.training.model_card import model_card
+from dsmap.dsnet.training.processes import Ranks, joined
+from dsmap.dsnet.training.sample_stream import AugmentedStream
+from dsmap.dsnet.training.state import State, load_checkpoint, new_state, save_checkpoint
+from dsmap.errors import InputError
+from dsmap.files import atomic_path
+
+BN_IMAGES = 256
+"""Training images that the batch norms of averaged weights are measured on."""
+
+
+def train(
+    data: Sequence[Path],
+    val: Path,
+    out: Path,
+    net: NetConfig,
+    augmentation: AugmentConfig,
+    config: TrainConfig,
+    *,
+    init: Path | None = None,
+    teacher: Path | str | None = None,
+    resume: bool = False,
+    device: str = "cpu",
+    workers: int = 1,
+    progress: bool = True,
+    log: bool = False,
+    notes: dict | None = None,
+) -> dict:
+    """Train a network; `out` gets `best.safetensors` (calibrated), `model-card.md`, `checkpoint.safetensors`,
+    `history.json`. Under torchrun, every process takes its share of each batch (see `ranks`).
+
+    Args:
+        data, val: data sets (see `open_set`) to train on and to validate with, of the same classes.
+        net: the network; its classes become those of the data.
+        init: weights to start from (fine-tuning), of the same network but for classes and depth.
+        teacher: weights whose answers are learnt beside the labels (see `distil`).
+        resume: go on from the checkpoint in `out`; it must be of the same configuration and data.
+        workers: processes that prepare images; 0: this one.
+        log: write TensorBoard events to `out`/log, if the library is there.
+        notes: what else the weights' header shall say (command, licence).
+
+    Returns:
+        the record of the best validation: step, class_avg, miou, pixel_acc, temperature, ...
+
+    Raises:
+        InputError: data, weights or checkpoint are missing, damaged or do not fit; `out` is in use.
+    """
+    keep_memory()
+    with joined(device) as ranks:
+        seen = net.channels > 3 or teacher is not None
+        images, held_back = read_data(data, val, seen, progress and ranks.first)
+        net = replace(net, classes=len(images.class_names))
+        run = run_record(net, augmentation, config, images)
+        state = start(out, net, config, run, init, resume, ranks)
+        stream = AugmentedStream(images, augmentation, config, with_geometry=seen)
+        weights = class_weights(images, config.balance, config.shares, config.balance_power)
+        master = None
+        if teacher is not None:
+            trained = drawn_shares(images, config.shares) * weights
+            master = Teacher(teacher, images.class_names, trained, ranks.device)
+        loop(state, stream, held_back, weights, Job(out, run, ranks, workers, progress, log, master))
+        about = {"data": [str(path) for path in data], "val": str(val), "stages": earlier_stages(init)}
+        about |= {"seconds": round(state.seconds, 1), "device": device, "processes": ranks.world}
+        about["images_per_second"] = round(state.step * config.batch / max(state.seconds, 1e-9), 2)
+        record = (
+            finish(out, held_back, {**run, **about, **(notes or {})}, ranks.device) if ranks.first else None
+        )
+        return ranks.of_first(record)
+
+
+@dataclass(frozen=True)
+class Job:
+    """Where a training goes on, and with how much ado: what does not change its result."""
+
+    out: Path
+    record: dict
+    """Of `run_record`, kept in the checkpoint."""
+    ranks: Ranks
+    workers: int
+    progress: bool
+    log: bool
+    teacher: Teacher | None = None
+
+
+def run_record(
+    net: NetConfig, augmentation: AugmentConfig, config: TrainConfig, images: LabelledImages
+) -> dict:
+    """What must be the same for a run to go on, in its JSON form."""
+    run = {
+        "net": record_of(net),
+        "augment": asdict(augmentation),
+        "train": asdict(config),
+        "images": len(images),
+    }
+    return json.loads(json.dumps(run))  # tuples become lists, as they come back from a file
+
+
+def start(
+    out: Path, net: NetConfig, config: TrainConfig, run: dict, init: Path | None, resume: bool, ranks: Ranks
+) -> State:
+    """A new state, or that of the checkpoint in `out`."""
+    torch.manual_seed(config.seed)
+    state = new_state(net, config, init, ranks.device)
+    checkpoint = out / "checkpoint.safetensors"
+    if checkpoint.exists():
+        if not resume:
+            raise InputError(f"{out}: holds a training run already, expected a new folder or --resume")
+        load_checkpoint(checkpoint, state, run)
+    state.model = ranks.synchronised(state.model)
+    return state
+
+
+def loop(
+    state: State, stream: AugmentedStream, held_back: LabelledImages, balance: np.ndarray, job: Job
+) -> None:
+    """All steps that are left, with validations and checkpoints by rank 0.
+
+    Args:
+        balance: weight of each class in the loss, shape (classes,).
+    """
+    config, ranks = stream.config, job.ranks
+    loader = DataLoader(
+        stream,
+        batch_size=config.batch // ranks.world,
+        sampler=ranks.samples(state.step, config.steps, config.batch),
+        num_workers=job.workers,
+        worker_init_fn=_in_a_worker,
+    )
+    weights = torch.from_numpy(balance).to(ranks.device)
+    parallel = ranks.parallel(state.model)
+    events = Log(job.out / "log", state.step, job.log and ranks.first)
+    started = time.monotonic() - state.seconds
+    losses: list[float] = []
+    shown = job.progress and ranks.first
+    bar = tqdm(loader, initial=state.step, total=config.steps, unit="step", disable=not shown)
+    for batch in bar:
+        losses.append(train_step(state, batch, weights, config, ranks, parallel, job.teacher))
+        events.step(state.step, losses[-1], learning_rate(state.step - 1, config))
+        bar.set_postfix({"loss": f"{losses[-1]:.3f}", "best mIoU": f"{max(state.best, 0):.3f}"})
+        if state.step % config.validate_every == 0 or state.step == config.steps:
+            state.seconds = time.monotonic() - started
+            if ranks.first:
+                model, loss = averaged_model(state, stream), float(np.mean(losses))
+                info = weights_info(model.config, stream, weights)  # type: ignore[arg-type]
+                validate(state, model, info, held_back, job.out, loss, events)
+                save_checkpoint(job.out / "checkpoint.safetensors", state, job.record)
+            losses.clear()
+    events.close()
+
+
+def _in_a_worker(_: int) -> None:
+    """A forked process has none of the threads that kernels were cut for."""
+    os.environ["DSMAP_THREADS"] = "1"
+    torch.set_num_threads(1)
+
+
+def earlier_stages(init: Path | None) -> list[dict]:
+    """What the weights that training starts from were made of, stage by stage."""
+    if init is None:
+        return []
+    _, info = load_weights(init, class_names=None)
+    return [*info.notes.get("stages", []), {k: v for k, v in info.notes.items() if k != "stages"}]
+
+
+def read_data(
+    data: Sequence[Path], val: Path, with_geometry: bool, progress: bool
+) -> tuple[LabelledImages, LabelledImages]:
+    """The images to train on and to validate with, all of them read once.
+
+    Raises:
+        InputError: damaged or missing data, other classes in one than in the other.
+    """
+    parts = open_sets(data), open_set(val)
+    if parts[0].class_names != parts[1].class_names:
+        raise InputError(f"{val}: its classes are not those of {data[0]}, expected the same classes")
+    images, held_back = (
+        LabelledImages(part, with_geometry=with_geometry, progress=progress) for part in parts
+    )
+    return images, held_back
+
+
+def learning_rate(step: int, config: TrainConfig) -> float:
+    """Linear warm-up, then half a cosine to zero at the last step."""
+    if step < config.warmup:
+        return config.lr * (step + 1) / config.warmup
+    done = (step - config.warmup) / max(config.steps - config.warmup, 1)
+    return config.lr * 0.5 * (1 + math.cos(math.pi * done))
+
+
+def train_step(
+    state: State,
+    batch: list[Tensor],
+    weights: Tensor,
+    config: TrainConfig,
+    ranks: Ranks,
+    parallel: nn.Module | None = None,
+    teacher: Teacher | None = None,
+) -> float:
+    """One optimiser step on a batch of the stream, or on this rank's share of it; the loss of the whole batch.
+
+    Args:
+        batch: images, uint8 (N, H, W, 3), labels, uint8 (N, H / 2, W / 2) [, geometry (N, H, W, 4)].
+        weights: of the classes in the loss, shape (classes,).
+        parallel: the model that averages gradients over the ranks; None: there is one rank.
+        teacher: whose probabilities take `config.distil` of the loss.
+    """
+    torch.manual_seed(config.seed * 1_000_003 + state.step + 7919 * ranks.rank)  # of dropout
+    for group in state.optimiser.param_groups:
+        group["lr"] = learning_rate(state.step, config) * group["scale"]
+    images, labels, *geometry = (tensor.to(ranks.device) for tensor in batch)
+    labels = labels.long()
+    state.model.train()
+    with torch.autocast(torch.device(ranks.device).type, torch.bfloat16, enabled=config.precision == "bf16"):
+        reads_geometry = state.model.config.channels > 3  # type: ignore[union-attr]
+        logits = (parallel or state.model)(to_input(images, *geometry[:reads_geometry])).float()
+    # Class-weighted mean over all ranks; void weighs 0. The clamp keeps a batch without any label finite.
+    total = weighted_cross_entropy(logits, labels, weights, config.smoothing)
+    loss = total / ranks.total(weights[labels].sum()).clamp(min=1.0)
+    if teacher is not None:
+        soft = soft_loss(logits, teacher(images, *geometry))
+        loss = (1 - config.distil) * loss + config.distil * soft / ranks.world
+    state.optimiser.zero_grad(set_to_none=True)
+    (loss * ranks.world).backward()  # gradients are averaged over the ranks
+    state.optimiser.step()
+    state.ema.update_parameters(state.model)
+    state.step += 1
+    return ranks.total(loss).item()
+
+
+def weighted_cross_entropy(logits: Tensor, labels: Tensor, weights: Tensor, smoothing: float) -> Tensor:
+    """Sum over all pixels; `smoothing` is spread over the classes that have a weight, in each pixel with its weight."""
+    total = F.cross_entropy(logits, labels, weight=weights, reduction="sum")
+    if not smoothing:
+        return total
+    seen = weights > 0
+    spread = -F.log_softmax(logits, dim=1)[:, seen].mean(dim=1)
+    return (1 - smoothing) * total + smoothing * (weights[labels] * spread).sum()
+
+
+def averaged_model(state: State, stream: AugmentedStream) -> nn.Module:
+    """The averaged weights, in eval mode, with batch norms measured anew for them.
+
+    An average of the statistics of past steps fits no weights: while the rate is high, it costs half the
+    class average. The first samples of the stream serve at every validation.
+    """
+    model = copy.deepcopy(state.ema.module)
+    device = next(model.parameters()).device
+    count = min(BN_IMAGES, len(stream))
+    batches = [range(k, min(k + stream.config.batch, count)) for k in range(0, count, stream.config.batch)]
+    torch.manual_seed(stream.config.seed)  # of dropout
+    with torch.no_grad():
+        samples = (zip(*[stream[k] for k in batch], strict=True) for batch in batches)
+        stacked = ([np.stack(part) for part in sample] for sample in samples)
+        reads_geometry = model.config.channels > 3  # type: ignore[union-attr]
+        update_bn((to_input(rgb, *more[:reads_geometry]).to(device) for rgb, _, *more in stacked), model)
+    return model.eval()
+
+
+def weights_info(net: NetConfig, stream: AugmentedStream, weights: Tensor) -> WeightsInfo:
+    """What the weights of this training will say of themselves: size, classes and their prior."""
+    config, images = stream.config, stream.images
+    shares = drawn_shares(images, config.shares)
+    return WeightsInfo(
+        net,
+        config.working_size or config.size,
+        class_names=images.class_names,
+        prior=config.prior,
+        shares=tuple(map(float, shares)),
+        balance=tuple(map(float, weights.cpu())),
+    )
+
+
+def validate(
+    state: State,
+    model: nn.Module,
+    info: WeightsInfo,
+    data: LabelledImages,
+    out: Path,
+    loss: float,
+    events: Log,
+) -> None:
+    """Score the averaged weights, keep them if they are the best so far, and note the figures."""
+    segmenter = DSNetSegmenter(copy.deepcopy(model), info, str(next(model.parameters()).device))
+    scores = score(segmenter, data)
+    record = {"step": state.step, "loss": loss, "seconds": round(state.seconds, 1), **scores}
+    state.history.append(record)
+    events.validation(record, segmenter, data)
+    if scores["miou"] > state.best:
+        state.best = scores["miou"]
+        info.notes = {"validation": record}
+        save_weights(out / "best.safetensors", model, info)
+    with atomic_path(out / "history.json") as temporary:
+        temporary.write_text(json.dumps(state.history, indent=1))
+
+
+def finish(out: Path, data: LabelledImages, run: dict, device: str) -> dict:
+    """Calibrate the best weights and write them back with what they are made of."""
+    path = out / "best.safetensors"
+    model, info = load_weights(path, data.class_names)
+    info.temperature = 1.0
+    segmenter = DSNetSegmenter(copy.deepcopy(model), info, device)  # folded: a copy
+    info.temperature = fit_temperature(segmenter, data)
+    scores = score(segmenter, data, calibration=True)
+    ends = {}
+    for prior in (0.0, info.prior, 1.0) if info.shares else ():
+        segmenter.info.prior, kept = prior, info.prior
+        found = score(segmenter, data, calibration=True)
+        ends[f"{prior:g}"] = {name: found[name] for name in ("class_avg", "pixel_acc", "miou", "ece")}
+        segmenter.info.prior = kept
+    info.notes = {**run, "validation": {**info.notes["validation"], **scores}, "priors": ends}
+    save_weights(path, model, info)
+    with atomic_path(out / "model-card.md") as temporary:
+        temporary.write_text(model_card(info, out.name))
+    return {**info.notes["validation"], "temperature": info.temperature}

@@ -1,0 +1,78 @@
+"""What a loop closure looks at, and what it leaves behind."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from dsmap.fusion.lie import inverse
+from dsmap.fusion.tracking.tracker import Health, ModelView
+from dsmap.fusion.trajectory import TrajectoryPoint
+from dsmap.kernels.types import FrameMaps, ModelMaps
+
+
+@dataclass
+class LoopRecord:
+    """One closed loop."""
+
+    kind: str
+    """local or global."""
+    frame: int
+    frame_destination: int
+    """The frame that saw the inactive surface last."""
+    T_destination_frame: np.ndarray
+    """Takes points of the camera of `frame` into that of `frame_destination`, as estimated, shape (4, 4)."""
+    shift_m: float
+    """RMS distance by which the loop moves the points in view."""
+    residual_m2: float
+    """Mean squared point-to-plane distance of the registration."""
+    inliers: int
+    """Matched pixels, as if the image had 640x480."""
+    similarity: float
+    """Of the keyframe; 1 for local loops."""
+    nodes: int
+    """Of the deformation graph; 0 where both parts agreed within `negligible` and nothing was bent."""
+
+
+@dataclass
+class Moment:
+    """All that a loop closure looks at: the map's state after a frame was fused and the view predicted."""
+
+    frame: Sequence[FrameMaps]
+    view: ModelView
+    """The active model from the camera's pose, every level."""
+    maps: ModelMaps
+    """The same, finest level, with surfel indices."""
+    time: int
+    t_active: int
+    """Surfels updated since are active."""
+    trajectory: list[TrajectoryPoint]
+    """All frames up to now; a loop moves them with the map."""
+
+    @property
+    def T_world_camera(self) -> np.ndarray:
+        return self.view.T_world_camera
+
+
+@dataclass
+class Match:
+    """Where in the inactive map the active view fits."""
+
+    kind: str
+    """local or global."""
+    T_world_camera: np.ndarray
+    """Of the camera, as found."""
+    shift_m: float
+    """RMS distance by which that moves the points in view."""
+    health: Health
+    """Of the registration."""
+    similarity: float
+    """Of the keyframe; 1 for local loops."""
+
+    def record(self, now: Moment, frame_destination: int, nodes: int = 0) -> LoopRecord:
+        """The loop that this match is; before the trajectory is bent."""
+        T_world_destination = now.trajectory[frame_destination].T_world_camera
+        return LoopRecord(
+            self.kind, now.time, frame_destination, inverse(T_world_destination) @ self.T_world_camera, self.shift_m,
+            self.health.rms_icp**2, round(self.health.inliers), self.similarity, nodes,
+        )  # fmt: skip

@@ -1,0 +1,135 @@
+"""A map on disk: one safetensors file with all that a run needs to go on bit for bit where it stopped."""
+
+import dataclasses
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from safetensors import SafetensorError, safe_open
+from safetensors.numpy import save_file
+
+from dsmap.classes import CLASS_NAMES
+from dsmap.config_file import fill
+from dsmap.errors import InputError
+from dsmap.files import atomic_path
+from dsmap.fusion.config import MapConfig
+from dsmap.fusion.mapper import Mapper
+from dsmap.fusion.mapper_state import METADATA, mapper_state
+from dsmap.kernels.types import ARRAYS, SurfelMap
+
+FORMAT = "dsmap.map/2"
+"""Marks our files; the number changes when older programs could not read them, or we theirs."""
+_TRAJECTORY = ("times", "poses", "tracked")
+_METADATA = ("config", "intrinsics", "time", METADATA, "run")
+
+
+def save_map(mapper: Mapper, path: Path | str, run: dict[str, Any] | None = None) -> None:
+    """Write everything of a run that a later run or an evaluation needs; the file is whole or absent.
+
+    Tensors: the surfel arrays by name (N rows each), `times` (M,), `depth_times` (M,), NaN where they
+    are the same, `poses` T_world_camera (M, 4, 4) and `tracked` (M,) of the M frames, and `state.*` of
+    mapper_state. Metadata: format, config, intrinsics, classes, frame number `time`, the state's plain values,
+    and `run`: whatever the caller wants back.
+    """
+    points = mapper.trajectory
+    arrays, plain = mapper_state(mapper)
+    tensors = dict(mapper.surfels.numpy()) | {
+        "times": np.array([p.time for p in points], dtype=np.float64),
+        "poses": np.array([p.T_world_camera for p in points], dtype=np.float64).reshape(-1, 4, 4),
+        "tracked": np.array([p.tracked for p in points], dtype=np.uint8),
+        "depth_times": np.array([p.depth_time for p in points], dtype=np.float64),
+    }
+    tensors |= {f"state.{name}": array for name, array in arrays.items()}
+    metadata = {
+        "format": FORMAT,
+        "config": json.dumps(dataclasses.asdict(mapper.config)),
+        "intrinsics": json.dumps(dataclasses.asdict(mapper.intrinsics)),
+        "classes": json.dumps(CLASS_NAMES),
+        "time": str(mapper.time),
+        METADATA: json.dumps(plain),
+        "run": json.dumps(run or {}),
+    }
+    with atomic_path(path, durable=True) as temporary:
+        save_file({n: np.ascontiguousarray(a) for n, a in tensors.items()}, temporary, metadata=metadata)
+
+
+def read_metadata(path: Path | str) -> dict[str, Any]:
+    """The plain values of a checkpoint: `config`, `intrinsics`, `time`, `state`, `run`; reads no arrays.
+
+    Raises:
+        InputError: there is no such file, it is damaged, or it is not a dsmap map of this version.
+    """
+    return _read(Path(path), with_arrays=False)[1]
+
+
+def load_map(path: Path | str, device: Any = "cpu") -> tuple[SurfelMap, dict[str, Any]]:
+    """Read a checkpoint.
+
+    Returns:
+        The surfels, and a dict of `config` (MapConfig), `intrinsics` (dict), `time` (frame number),
+        `times`, `poses`, `tracked`, `depth_times` (arrays of the trajectory), `arrays` and `plain` (the state for
+        `mapper_state.restore`) and `run` (what was given to `save_map`).
+
+    Raises:
+        InputError: there is no such file, it is damaged, or it is not a dsmap map of this version.
+    """
+    arrays, meta = _read(Path(path), with_arrays=True)
+    missing = [name for name in (*ARRAYS, *_TRAJECTORY) if name not in arrays]
+    if missing:
+        raise InputError(
+            f"{path}: tensors {', '.join(missing)} are missing; expected a whole dsmap checkpoint"
+        )
+    arrays.setdefault("depth_times", np.full(len(arrays["times"]), np.nan))  # older files
+    meta["config"] = fill(MapConfig(), meta["config"], f"{path}: config", strict=False)
+    meta["plain"] = meta.pop(METADATA)
+    meta["arrays"] = {n.removeprefix("state."): a for n, a in arrays.items() if n.startswith("state.")}
+    return surfels_from(arrays, path, device), meta | {
+        name: arrays[name] for name in (*_TRAJECTORY, "depth_times")
+    }
+
+
+def _read(path: Path, with_arrays: bool) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+    """Tensors by name, and the metadata as plain values."""
+    if not path.is_file():
+        raise InputError(
+            f"{path}: no such file; expected a dsmap checkpoint (checkpoint.safetensors of a run)"
+        )
+    try:
+        with safe_open(path, framework="np") as file:
+            metadata = file.metadata() or {}
+            names = file.keys() if with_arrays else ()
+            if metadata.get("format") != FORMAT:
+                raise InputError(
+                    f"{path}: format is {metadata.get('format', 'not stated')!r}; expected {FORMAT!r}, a dsmap map"
+                )
+            arrays = {name: file.get_tensor(name) for name in names}
+        return arrays, {name: json.loads(metadata[name]) for name in _METADATA}
+    except (SafetensorError, OSError) as error:
+        raise InputError(
+            f"{path}: damaged or not a safetensors file ({error}); expected a dsmap checkpoint"
+        ) from error
+    except (KeyError, json.JSONDecodeError) as error:
+        raise InputError(f"{path}: damaged metadata ({error}); expected a whole dsmap checkpoint") from error
+
+
+def surfels_from(arrays: dict[str, np.ndarray], path: Path | str, device: Any) -> SurfelMap:
+    """A SurfelMap on a device from arrays by name.
+
+    Raises:
+        InputError: an array is not of the type or length that its name promises.
+    """
+    count = len(arrays["position"])
+    surfels = SurfelMap.empty(device, max(count, 1))
+    for name in ARRAYS:
+        ours, theirs = getattr(surfels, name), arrays[name]
+        like = ours.numpy()
+        if theirs.shape != (count, *like.shape[1:]) or theirs.dtype != like.dtype:
+            raise InputError(
+                f"{path}: tensor {name} has {theirs.dtype} of shape {theirs.shape}; "
+                f"expected {like.dtype} of {(count, *like.shape[1:])}"
+            )
+        if count:
+            ours[:count].assign(theirs)
+    surfels.count = count
+    return surfels

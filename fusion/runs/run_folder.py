@@ -1,0 +1,111 @@
+"""What a run leaves behind: the RUN folder of `dsmap map`, also written by `Mapper.save`."""
+
+import dataclasses
+import json
+import resource
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from dsmap.classes import write_classes
+from dsmap.files import atomic_path
+from dsmap.fusion.mapper import Mapper
+from dsmap.fusion.mapper_state import record_values
+from dsmap.fusion.runs.checkpoint import save_map
+from dsmap.fusion.runs.ply import write_ply, write_trajectory
+from dsmap.fusion.trajectory import TrajectoryPoint, at_colour_stamps
+
+CHECKPOINT = "checkpoint.safetensors"
+"""Name of the checkpoint in a RUN folder."""
+WARM_UP = 5
+"""First frames that speed figures leave out: caches are cold and buffers grow."""
+
+
+def save_run(
+    mapper: Mapper, run_dir: Path, *, with_probabilities: bool = False, checkpoint: bool = True
+) -> None:
+    """Write map.ply, labels.ply, trajectory.txt, loops.json, classes.json and checkpoint.safetensors.
+
+    Every file is whole or absent: each is written under a temporary name and renamed. Trajectory and loops
+    are those of this recording; frames of an earlier one, whose map it started in, have negative numbers.
+    """
+    surfels = mapper.surfels.numpy()
+    probabilities = mapper.probabilities() if with_probabilities else None
+    write_ply(run_dir / "map.ply", surfels, probabilities=probabilities, up=mapper.up)
+    write_ply(run_dir / "labels.ply", surfels, colour="label", up=mapper.up)
+    points = _points(mapper)
+    stamps = [point.time for point in points]
+    write_trajectory(run_dir / "trajectory.txt", list(zip(stamps, at_colour_stamps(points), strict=True)))
+    write_json(run_dir / "loops.json", {"loops": _loops(mapper)})
+    write_classes(run_dir / "classes.json")
+    if checkpoint:
+        save_map(mapper, run_dir / CHECKPOINT)
+
+
+def write_yaml(path: Path, values: Any) -> None:
+    """Write plain values as YAML; tuples become lists."""
+    with atomic_path(path) as temporary:
+        temporary.write_text(yaml.safe_dump(json.loads(json.dumps(values)), sort_keys=False))
+
+
+def write_json(path: Path, values: Any) -> None:
+    """Write plain values as indented JSON."""
+    with atomic_path(path) as temporary:
+        temporary.write_text(json.dumps(values, indent=2) + "\n")
+
+
+def config_values(mapper: Mapper) -> dict[str, Any]:
+    """The parameters of a run as plain values."""
+    return dataclasses.asdict(mapper.config)
+
+
+def statistics(mapper: Mapper, skipped: int, wall_s: float) -> dict[str, Any]:
+    """The content of stats.json: the paper's Table 3 numbers, tracking counts, speed and memory.
+
+    fps is that of mapping alone: no decoding, no first WARM_UP frames; wall_s is everything.
+    """
+    points, surfels = _points(mapper), mapper.surfels
+    frames, tracked = len(points), sum(point.tracked for point in points)
+    weight, loops = surfels.numpy()["weight"], _loops(mapper)
+    living = int((weight > 0).sum())
+    stages = {name: float(np.mean(ms[WARM_UP:] or ms)) for name, ms in mapper.stages_ms.items() if ms}
+    busy_ms = sum(sum(ms[WARM_UP:] or ms) for ms in mapper.stages_ms.values())
+    counted = max(frames - WARM_UP, 0) or frames
+    return {
+        "map": {
+            "frames": frames,
+            "surfels": living,
+            "stable_surfels": int((weight >= mapper.config.surfels.stable_weight).sum()),
+            "graph_nodes": loops[-1]["nodes"] if loops else 0,
+            "local_loops": sum(loop["kind"] == "local" for loop in loops),
+            "global_loops": sum(loop["kind"] == "global" for loop in loops),
+            "keyframes": len(mapper.closer.ferns) if mapper.closer else 0,
+            "bytes_per_surfel": surfels.nbytes / living if living else None,
+        },
+        "tracking": {
+            "tracked_frames": tracked,
+            "lost_frames": frames - tracked,
+            "skipped_frames": skipped,
+            "tracked_fraction": tracked / frames if frames else 0.0,
+        },
+        "speed": {
+            "fps": counted / busy_ms * 1e3 if busy_ms else None,
+            "stages_ms": stages,
+            "wall_s": wall_s,
+            "peak_rss_bytes": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024,
+        },
+    }
+
+
+def _points(mapper: Mapper) -> list[TrajectoryPoint]:
+    """The frames of this recording."""
+    return mapper.trajectory[mapper.first_frame :]
+
+
+def _loops(mapper: Mapper) -> list[dict[str, Any]]:
+    """The loops that this recording closed, with its own frame numbers."""
+    loops = [record_values(record) for record in mapper.loops if record.frame >= mapper.first_frame]
+    shift = {"frame", "frame_destination"}
+    return [{k: v - mapper.first_frame if k in shift else v for k, v in loop.items()} for loop in loops]

@@ -1,0 +1,286 @@
+"""Frame-to-model tracking: joint point-to-plane ICP and photometric Gauss-Newton, coarse to fine (Eq. 1-3)."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from dsmap.fusion.config import TrackConfig
+from dsmap.fusion.lie import exp_se3, inverse, log_se3, solve, uncertainty
+from dsmap.fusion.tracking.motion_filter import Expected
+from dsmap.fusion.tracking.prealign import RotationAligner
+from dsmap.fusion.tracking.rolling_shutter import Rolling
+from dsmap.kernels.odometry import Gates, gradient, joint_normal_equations
+from dsmap.kernels.preprocess import half_surface
+from dsmap.kernels.types import FrameMaps
+
+_CONVERGED = 3e-5
+"""A step below this (metres and radians alike) ends a level: a sixtieth of a pixel at 1 m."""
+_DARK, _BRIGHT = 0.02, 0.98
+"""Intensities beyond these tell nothing about exposure."""
+_MIN_SHARED = 0.05
+"""Share of the image that exposure is measured on, at least."""
+_STEADY = 0.03
+"""A ratio of intensities this near to 1 is what motion alone makes of it: no change of exposure."""
+_UNMATCHED = 0.02
+"""Cost of a pixel without a match, where starts are compared: as if it were this far off [m]."""
+_VGA_WIDTH, _VGA_PIXELS = 640, 640 * 480
+"""Published pixel counts are those of this image size."""
+
+
+@dataclass
+class Health:
+    """How well one frame was tracked."""
+
+    tracked: bool
+    reason: str
+    """Why not, in words; empty when tracked."""
+    inlier_fraction: float
+    """Pixels with an associated model point, of the frame's pixels with depth."""
+    rms_icp: float
+    """RMS of inlier point-to-plane residuals [m]."""
+    rms_rgb: float
+    """RMS of photometric residuals, intensity in [0, 1]."""
+    covariance: np.ndarray
+    """Of the twist (translation [m], rotation [rad]), shape (6, 6)."""
+    information_icp: float
+    """Share of the information (trace of the normalised J^T J) that comes from ICP."""
+    inliers: float
+    """Associated pixels, as if the image had 640x480 and every pixel counted."""
+    cofactor: np.ndarray
+    """Diagonal of (J^T J)^-1 at that many pixels, shape (6,)."""
+
+
+class ModelView:
+    """The model as predicted from one pose: a pyramid of (vertex, normal, intensity, gradient).
+
+    The maps given are those of pyramid level `finest`; `levels` has None below it.
+    """
+
+    def __init__(
+        self,
+        vertex: wp.array,
+        normal: wp.array,
+        intensity: wp.array,
+        levels: int,
+        T_world_camera: np.ndarray,
+        finest: int = 0,
+    ):
+        self.T_world_camera = T_world_camera
+        self.finest = finest
+        self.levels: list[Any] = [None] * finest
+        for level in range(finest, levels):
+            if level > finest:
+                vertex, normal, intensity = half_surface(vertex, normal, intensity)
+            self.levels.append((vertex, normal, intensity, gradient(intensity, vertex)))
+
+    @property
+    def surface(self) -> list[Any]:
+        """(vertex, normal, intensity) a level: the view as something that can itself be registered."""
+        return [level and level[:3] for level in self.levels]
+
+
+def exposure_gain(frame: tuple, model: tuple) -> float:
+    """How much darker (> 1) the frame was exposed than the model: the median ratio of intensities.
+
+    Cameras with automatic exposure change it by a tenth and more within a second, which Eq. 2 would take for
+    motion. Between two frames hardly anything moves on the coarsest level, so the same pixels are compared: those
+    with depth in both views, neither black nor saturated.
+
+    Args:
+        frame, model: vertex, normal and intensity map of one level, shapes (H, W).
+
+    Returns:
+        A factor between 0.5 and 2; 1 where there is too little to compare.
+    """
+    light, reference = frame[2].numpy(), model[2].numpy()
+    shared = (frame[0].numpy()[..., 2] > 0) & (model[0].numpy()[..., 2] > 0)
+    shared &= (light > _DARK) & (light < _BRIGHT) & (reference > _DARK) & (reference < _BRIGHT)
+    if np.count_nonzero(shared) < _MIN_SHARED * shared.size:
+        return 1.0
+    # Not the ratio of means: a dark picture that leaves the image in a fast turn would pass for a change of exposure.
+    gain = float(np.clip(np.median(reference[shared] / light[shared]), 0.5, 2.0))
+    return gain if abs(gain - 1) > _STEADY else 1.0
+
+
+class Tracker:
+    """Estimates T_prev_cur between the last model view and the current frame."""
+
+    def __init__(self, config: TrackConfig, cameras: Sequence[Any]):
+        self.config = config
+        self.cameras = cameras
+        self.stride = [max(round(step * cameras[0].width / _VGA_WIDTH), 1) for step in config.stride]
+        """Every n-th pixel of this image counts, a level."""
+        self.aligner = RotationAligner(cameras[-1])
+        self.last_coarse: list[tuple[wp.array, wp.array]] | None = None
+        """Small images of the last tracked frame, finest first (see RotationAligner.pyramid)."""
+
+    def remember(self, intensity: wp.array) -> None:
+        """Keep a tracked frame's intensity image of the coarsest level for the next frame's pre-alignment."""
+        self.last_coarse = self.aligner.pyramid(intensity)
+
+    def track(
+        self,
+        frame: Sequence[FrameMaps],
+        model: ModelView,
+        T_model_start: np.ndarray | None = None,
+        prealign: bool = True,
+        expected: Expected | None = None,
+        rolling: Rolling | None = None,
+    ) -> tuple[np.ndarray, Health]:
+        """Register a frame to a model view.
+
+        Args:
+            T_model_start: where the search starts, shape (4, 4); default: the view's own place.
+            prealign: turn that first as the images tell, from the last frame's to this one's.
+            expected: T_model_cur as the camera's motion tells: one more measurement, and another place to start.
+            rolling: how the camera moves while the frame's rows are read; None: they are taken at once.
+
+        Returns:
+            T_prev_cur, shape (4, 4), which takes points of the current camera into the model view's, and
+            the verdict. The transform of a lost frame is the best that was found: do not use it.
+        """
+        T_prev_cur = np.eye(4)
+        if prealign and self.config.so3 and self.last_coarse is not None:
+            current = self.aligner.pyramid(frame[-1].intensity)
+            T_prev_cur[:3, :3] = self.aligner.rotation(current, self.last_coarse)
+        if T_model_start is not None:
+            T_prev_cur = T_model_start @ T_prev_cur
+        source = [(maps.vertex, maps.normal, maps.intensity) for maps in frame]
+        gain = exposure_gain(source[-1], model.levels[-1]) if self.config.exposure else 1.0
+        if expected is not None:
+            coarsest = self.normal_equations(len(source) - 1, source[-1], model.levels[-1], gain, rolling)
+            T_prev_cur = self._better_start(coarsest, T_prev_cur, expected)
+        return self.register(source, model, T_prev_cur, gain=gain, expected=expected, rolling=rolling)
+
+    def register(
+        self,
+        source: Sequence[Any],
+        model: ModelView,
+        T_model_source: np.ndarray,
+        iterations: Sequence[int] | None = None,
+        gain: float = 1.0,
+        expected: Expected | None = None,
+        rolling: Rolling | None = None,
+    ) -> tuple[np.ndarray, Health]:
+        """Register one view to another, coarse to fine, down to the model's finest level.
+
+        Args:
+            source: (vertex, normal, intensity) a pyramid level; levels finer than the model's are not used.
+            T_model_source: first guess, shape (4, 4).
+            iterations: a level, fine to coarse; as configured for tracking if None.
+            expected: T_model_source as something else tells; it has no part in the verdict.
+            rolling: of the source, see `track`.
+
+        Returns:
+            T_model_source, which takes points of the source camera into the model's, and the verdict.
+        """
+        iterations = iterations or self.config.iterations
+        icp = rgb = None
+        for level in reversed(range(model.finest, len(self.cameras))):
+            equations = self.normal_equations(level, source[level], model.levels[level], gain, rolling)
+            for _ in range(iterations[level]):
+                icp, rgb = equations(T_model_source)
+                # Eq. 3: E = E_icp + w_rgb E_rgb
+                w_rgb = self._w_rgb(icp, rgb)
+                A, b = icp[0] + w_rgb * rgb[0], icp[1] + w_rgb * rgb[1]
+                if expected is not None:
+                    Lambda = self._variance(icp, rgb) * expected.information
+                    A, b = A + Lambda, b + Lambda @ log_se3(expected.T @ inverse(T_model_source))
+                xi = solve(A, b)
+                if xi is None:
+                    return T_model_source, self._verdict(source, model.finest, icp, rgb, diverged=True)
+                T_model_source = exp_se3(xi) @ T_model_source
+                if np.abs(xi).max() < _CONVERGED * 2**level:
+                    break
+        diverged = not np.isfinite(T_model_source).all()
+        return T_model_source, self._verdict(source, model.finest, icp, rgb, diverged)
+
+    def normal_equations(
+        self, level: int, source: tuple, model: tuple, gain: float = 1.0, rolling: Rolling | None = None
+    ) -> Callable[[np.ndarray], tuple]:
+        """Of Eq. 1 and Eq. 2 on one pyramid level: see `joint_normal_equations`, with the configured gates."""
+        camera, gates = self.cameras[level], self._gates(level, gain)
+        if rolling is None:
+            return joint_normal_equations(camera, gates, source, model)
+        equations = joint_normal_equations(camera, gates, source, model, rolling.readout_s)
+        return lambda T: equations(T, rolling.twist(T))
+
+    def _better_start(
+        self, equations: Callable[[np.ndarray], tuple], T_rest: np.ndarray, expected: Expected
+    ) -> np.ndarray:
+        """Where the coarsest level fits best: the last pose as turned, that moved on, or what is expected.
+
+        In front of a bare wall all fit alike, and registration stays where it starts: then the expectation decides.
+        """
+        T_moved = T_rest.copy()
+        T_moved[:3, 3] = expected.T[:3, 3]
+        starts = (T_rest, T_moved, expected.T)
+        sums = [equations(T) for T in starts]
+        variance = min(self._variance(icp, rgb) for icp, rgb in sums)
+        costs = []
+        for T, (icp, rgb) in zip(starts, sums, strict=True):
+            xi = log_se3(expected.T @ inverse(T))
+            # A pixel that matches nothing must not be cheaper than one that matches badly.
+            data = icp[2] + self.config.w_rgb * rgb[2] - icp[3] * _UNMATCHED**2
+            costs.append(data + variance * xi @ expected.information @ xi)
+        return starts[int(np.argmin(costs))]
+
+    def _variance(self, icp: tuple, rgb: tuple) -> float:
+        """Of one residual: residuals of neighbouring pixels are not independent, so it is the mean of all."""
+        return (icp[2] + self._w_rgb(icp, rgb) * rgb[2]) / max(icp[3] + rgb[3], 1)
+
+    def _w_rgb(self, icp: tuple, rgb: tuple) -> float:
+        """The weight of the photometric term: less where the depth is much better than the colour."""
+        ratio = (icp[2] / max(icp[3], 1)) / max(rgb[2] / max(rgb[3], 1), 1e-12)
+        return min(self.config.w_rgb, self.config.rgb_balance * ratio)
+
+    def _gates(self, level: int, gain: float = 1.0) -> Any:
+        config, gates = self.config, Gates()
+        gates.max_distance = config.max_distance
+        gates.min_cosine = float(np.cos(np.deg2rad(config.max_angle_deg)))
+        # The published thresholds are unnormalised Sobel sums of 8-bit images; ours divide by 8 and by 255.
+        gates.min_gradient = config.min_gradient[level] / (8 * 255)
+        gates.max_intensity = config.max_intensity_step
+        gates.huber_icp, gates.huber_rgb = config.huber_icp, config.huber_rgb
+        gates.gain = gain
+        gates.noise_z = config.noise_z
+        gates.stride = self.stride[level]
+        return gates
+
+    def _verdict(
+        self, source: Sequence[Any], finest: int, icp: tuple | None, rgb: tuple | None, diverged: bool
+    ) -> Health:
+        if icp is None or rgb is None:
+            infinite = np.full((6, 6), np.inf)
+            return Health(False, "no iterations", 0.0, np.inf, np.inf, infinite, 0.0, 0.0, infinite[0])
+        config, stride = self.config, self.stride[finest]
+        sampled = source[finest][0].numpy()[::stride, ::stride, 2]
+        valid = np.count_nonzero(sampled)
+        fraction = icp[3] / max(valid, 1)
+        rms_icp = float(np.sqrt(icp[2] / max(icp[3], 1)))
+        rms_rgb = float(np.sqrt(rgb[2] / max(rgb[3], 1)))
+        w_rgb = self._w_rgb(icp, rgb)
+        A = icp[0] + w_rgb * rgb[0]
+        covariance = uncertainty(A, self._variance(icp, rgb))
+        share = float(np.mean(np.diag(icp[0]) / np.maximum(np.diag(A), 1e-12)))
+        std = (
+            float(np.sqrt(np.abs(np.linalg.eigvalsh(covariance)).max()))
+            if np.isfinite(covariance).all()
+            else np.inf
+        )
+        reasons = [
+            (diverged, "the normal equations have no solution"),
+            (valid == 0, "no depth"),
+            (fraction < config.min_inlier_fraction, f"only {fraction:.0%} of the pixels match the model"),
+            (rms_icp > config.max_rms, f"point-to-plane RMS {rms_icp * 1e3:.1f} mm"),
+            (std > config.max_std, f"pose uncertain by {std * 1e3:.1f} mm or mrad"),
+        ]
+        reason = next((text for bad, text in reasons if bad), "")
+        scale = _VGA_PIXELS / sampled.size
+        cofactor = np.diag(uncertainty(scale * A))
+        return Health(
+            not reason, reason, fraction, rms_icp, rms_rgb, covariance, share, scale * icp[3], cofactor
+        )

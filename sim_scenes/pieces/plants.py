@@ -1,0 +1,202 @@
+"""Potted plants of several habits, and cut flowers (class objects)."""
+
+import numpy as np
+
+from dsmap.sim_scenes.geometry.lofts import bow, tube
+from dsmap.sim_scenes.geometry.shapes import Shape, cushion, lathe, merged, rotation_x, rotation_z, sheet
+from dsmap.sim_scenes.pieces import decor
+from dsmap.sim_scenes.scene import Assembly
+from dsmap.sim_scenes.textures import finishes
+from dsmap.sim_scenes.textures.palette import Looks
+from dsmap.sim_scenes.textures.patterns import Rng
+
+_GREENS = ((0.22, 0.42, 0.18), (0.3, 0.48, 0.2), (0.16, 0.34, 0.2), (0.36, 0.46, 0.28))
+
+
+def _green(looks: Looks) -> str:
+    return looks.tiled("leaves", _GREENS)
+
+
+def _pot(rng: Rng, looks: Looks, piece: Assembly, radius: float, height: float) -> None:
+    """A pot with earth in it."""
+    skin = finishes.wicker(looks) if rng.random() < 0.2 else looks.thing()
+    taper = rng.uniform(0.65, 0.95)
+    rim = [(radius * taper, 0), (radius, height), (radius * 0.9, height), (radius * 0.86, 0.86 * height)]
+    piece.add(lathe(rim, sides=28), skin)
+    earth = looks.tiled("carpet", ((0.2, 0.14, 0.1),))
+    piece.add(lathe([(radius * 0.88, 0), (radius * 0.88, 0.004)], (0, 0, 0.86 * height), 24), earth)
+
+
+def leaf(length: float, width: float, droop: float, cells: int = 6) -> Shape:
+    """A pointed leaf along +y from the origin that bends down by `droop` [rad] over its length, folded at its rib."""
+    t = np.linspace(0, 1, cells + 1)
+    s = np.linspace(-1, 1, 5)
+    half = width / 2 * np.sin(np.pi * np.clip(t * 0.94 + 0.06, 0, 1)) ** 0.8 * (1 - 0.3 * t) + 0.001
+    angle = -droop * t
+    y = np.concatenate([[0], np.cumsum(np.cos(angle[1:]))]) * length / cells
+    z = np.concatenate([[0], np.cumsum(np.sin(angle[1:]))]) * length / cells
+    points = np.empty((len(t), len(s), 3))
+    points[..., 0] = s * half[:, None]
+    points[..., 1] = y[:, None]
+    points[..., 2] = z[:, None] + 0.25 * np.abs(s) * half[:, None]
+    return sheet(points, 0.0015)
+
+
+def _whorl(
+    rng: Rng, count: int, length: float, width: float, lift: tuple[float, float], droop: float, at: np.ndarray
+) -> Shape:
+    """Leaves around a point, rising at angles drawn from `lift` [rad]."""
+    leaves = []
+    for k in range(count):
+        blade = leaf(length * rng.uniform(0.75, 1.1), width, droop * rng.uniform(0.7, 1.2))
+        turned = blade.turned(rotation_x(rng.uniform(*lift))).turned(
+            rotation_z(2.4 * k + rng.uniform(-0.3, 0.3))
+        )
+        leaves.append(turned.moved(at))
+    return merged(leaves)
+
+
+def bush(rng: Rng, looks: Looks) -> Assembly:
+    """The leafy plant of `decor`, 0.3 to 1.2 m high."""
+    return decor.plant(rng, looks, rng.uniform(0.3, 1.2))
+
+
+def palm(rng: Rng, looks: Looks) -> Assembly:
+    """Arching fronds of small leaflets from a few stems."""
+    piece, height, green = Assembly("objects"), rng.uniform(1.1, 1.8), _green(looks)
+    pot = 0.15 * height
+    _pot(rng, looks, piece, 0.1 * height, pot)
+    stems, blades = [], []
+    for k in range(int(rng.integers(7, 12))):
+        angle, reach = 2.4 * k, rng.uniform(0.2, 0.36) * height
+        top = rng.uniform(0.65, 1.0) * height
+        tip = np.array([reach * np.cos(angle), reach * np.sin(angle), top - 0.25 * reach])
+        line = bow((0, 0, 0.85 * pot), (0.25 * tip[0], 0.25 * tip[1], top * 1.15), tip, 10)
+        stems.append(tube(line, np.linspace(0.008, 0.003, 10), 6))
+        for j in range(4, 10):
+            along = np.arctan2(tip[1], tip[0])
+            for side in (-1, 1):
+                blade = leaf(0.15 * height * (1.15 - 0.08 * j), 0.028, 0.9, 3).turned(rotation_x(0.15))
+                blades.append(blade.turned(rotation_z(along - np.pi / 2 + side * 0.85)).moved(line[j]))
+    piece.add(merged(stems), green)
+    piece.add(merged(blades), green)
+    return piece
+
+
+def rubber_plant(rng: Rng, looks: Looks) -> Assembly:
+    """A thin trunk with big leaves all around (ficus, rubber plant), 0.7 to 1.9 m."""
+    piece, height, green = Assembly("objects"), rng.uniform(0.7, 1.9), _green(looks)
+    _pot(rng, looks, piece, 0.09 * height + 0.06, 0.13 * height + 0.08)
+    bark = looks.tiled("wood", ((0.35, 0.25, 0.17),))
+    start = 0.12 * height + 0.06
+    size = 0.14 + 0.07 * height
+    for _ in range(int(rng.integers(1, 4))):
+        lean = np.array([*rng.uniform(-0.1, 0.1, 2) * height, height * rng.uniform(0.75, 0.95) - size * 0.3])
+        line = bow((0, 0, start), (*rng.uniform(-0.05, 0.05, 2), 0.5 * height), lean, 12)
+        piece.add(tube(line, np.linspace(0.014, 0.006, 12), 8), bark)
+        for k in range(4, 12):
+            piece.add(_whorl(rng, 3, size, 0.45 * size, (-0.2, 0.6), 0.7, line[k]).moved(), green)
+    return piece
+
+
+def snake_plant(rng: Rng, looks: Looks) -> Assembly:
+    """Upright sword-like leaves."""
+    piece, height, green = Assembly("objects"), rng.uniform(0.4, 0.95), _green(looks)
+    pot = rng.uniform(0.14, 0.22)
+    _pot(rng, looks, piece, 0.7 * pot, pot)
+    for k in range(int(rng.integers(8, 16))):
+        tall, a = (height - 0.8 * pot) * rng.uniform(0.55, 1.0), 2.4 * k
+        blade = cushion((0.05, 0.014, tall), softness=0.75, rings=6).turned(
+            rotation_x(rng.uniform(-0.16, 0.16))
+        )
+        r = 0.4 * pot * np.sqrt(rng.uniform(0, 1))
+        piece.add(blade.moved((r * np.cos(a), r * np.sin(a), 0.8 * pot), a), green)
+    return piece
+
+
+def cactus(rng: Rng, looks: Looks) -> Assembly:
+    """A ribbed column or globe in a small pot."""
+    piece, green = Assembly("objects"), _green(looks)
+    pot, tall = rng.uniform(0.06, 0.11), rng.uniform(0.08, 0.3)
+    _pot(rng, looks, piece, 0.65 * pot, pot)
+    wide = rng.uniform(0.06, 0.1)
+    body = cushion((wide, wide, tall + 0.02), (0, 0, 0.8 * pot), 0.75, 14)
+    around = np.arctan2(body.vertices[:, 1], body.vertices[:, 0])
+    ribs = 1 + 0.08 * np.cos(10 * around)
+    piece.add(
+        Shape(body.vertices * np.column_stack([ribs, ribs, np.ones_like(ribs)]), body.faces, body.uv), green
+    )
+    if tall > 0.18:
+        for side in (-1, 1):
+            z = 0.8 * pot + rng.uniform(0.35, 0.5) * tall
+            arm = bow(
+                (side * 0.3 * wide, 0, z), (side * 1.1 * wide, 0, z), (side * 1.0 * wide, 0, z + 0.3 * tall)
+            )
+            piece.add(tube(arm, 0.018, 10), green)
+    return piece
+
+
+def flowers(rng: Rng, looks: Looks) -> Assembly:
+    """Cut flowers in a vase."""
+    piece, green = Assembly("objects"), _green(looks)
+    high = rng.uniform(0.14, 0.24)
+    shape = [
+        (0.04, 0),
+        (0.055, 0.3 * high),
+        (0.032, 0.8 * high),
+        (0.042, high),
+        (0.036, high),
+        (0.026, 0.8 * high),
+        (0.03, 0.2 * high),
+    ]
+    piece.add(lathe(shape, sides=24), looks.thing())
+    petals = [
+        looks.tiled(
+            "plain",
+            ((0.8, 0.2, 0.25), (0.9, 0.75, 0.25), (0.85, 0.85, 0.85), (0.7, 0.4, 0.65), (0.9, 0.5, 0.2)),
+        )
+        for _ in range(2)
+    ]
+    for k in range(int(rng.integers(5, 12))):
+        a, out = 2.4 * k, rng.uniform(0.02, 0.13)
+        tip = np.array([out * np.cos(a), out * np.sin(a), high + rng.uniform(0.1, 0.22)])
+        piece.add(
+            tube(bow((0, 0, 0.4 * high), (0.1 * tip[0], 0.1 * tip[1], high + 0.05), tip, 5), 0.003, 5), green
+        )
+        size = rng.uniform(0.035, 0.065)
+        piece.add(cushion((size, size, 0.6 * size), tip - [0, 0, 0.2 * size], 0.8, 8), petals[k % 2])
+        piece.add(_whorl(rng, 1, 0.09, 0.03, (0.2, 0.8), 0.6, tip * [0.5, 0.5, 0.75]), green)
+    return piece
+
+
+def hanging_plant(rng: Rng, looks: Looks) -> Assembly:
+    """Trailing vines from a small pot, for the edge of a shelf: they hang over the front (-y), below z = 0."""
+    piece, green = Assembly("objects"), _green(looks)
+    _pot(rng, looks, piece, 0.07, 0.11)
+    for _ in range(int(rng.integers(4, 8))):
+        x, drop = rng.uniform(-0.1, 0.1), rng.uniform(0.15, 0.5)
+        line = np.vstack(
+            [
+                bow((0.3 * x, 0, 0.1), (x, -0.1, 0.2), (x, -0.14, 0.02), 5),
+                [(x * 1.1, -0.15, -0.5 * drop), (x, -0.145, -drop)],
+            ]
+        )
+        piece.add(tube(line, 0.003, 5), green)
+        for at in line[1:]:
+            piece.add(_whorl(rng, 2, 0.06, 0.045, (-0.4, 0.4), 0.8, at), green)
+    piece.add(_whorl(rng, 8, 0.1, 0.05, (0.2, 1.0), 0.9, np.array([0, 0, 0.1])), green)
+    return piece
+
+
+def plant(rng: Rng, looks: Looks) -> Assembly:
+    """A plant for the floor, of any habit."""
+    makes = (palm, rubber_plant, rubber_plant, snake_plant)
+    k = int(rng.integers(len(makes) + 1))
+    return makes[k](rng, looks) if k < len(makes) else decor.plant(rng, looks, rng.uniform(0.8, 1.3))
+
+
+def small_plant(rng: Rng, looks: Looks) -> Assembly:
+    """A plant or flowers for a table, sill or shelf."""
+    makes = (cactus, flowers, snake_plant)
+    k = int(rng.integers(len(makes) + 1))
+    return makes[k](rng, looks) if k < len(makes) else decor.plant(rng, looks, rng.uniform(0.25, 0.45))

@@ -1,0 +1,25 @@
+"""The scene that options name: a kind of room, or a file of the user's own."""
+
+from pathlib import Path
+
+from dsmap.errors import InputError
+from dsmap.sim_scenes.importers.load import FORMATS, load_scene
+from dsmap.sim_scenes.recording.options import RenderOptions
+from dsmap.sim_scenes.rooms.build import SCENES, build_scene
+from dsmap.sim_scenes.scene import Scene
+
+
+def open_scene(options: RenderOptions) -> Scene:
+    """Build the room of that name and seed, or read the file of that name (the seed then moves the camera only).
+
+    Raises:
+        InputError: neither a kind of room nor a readable scene file.
+    """
+    name = options.scene
+    if name in SCENES:
+        return build_scene(name, options.seed)
+    if Path(name).suffix.lower() not in FORMATS:
+        raise InputError(
+            f"unknown scene {name!r}; expected one of: {', '.join(SCENES)}, or a file ({', '.join(FORMATS)})"
+        )
+    return load_scene(name, options.class_map, options.up)

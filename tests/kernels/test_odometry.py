@@ -1,0 +1,162 @@
+"""Residual reductions against their NumPy twins, and what they must be able to estimate."""
+
+import numpy as np
+import pytest
+import reference
+import warp as wp
+from wall_corner import LEVELS, room
+
+from dsmap.fusion.config import TrackConfig
+from dsmap.fusion.lie import exp_se3, exp_so3, inverse, log_se3, rotation_angle
+from dsmap.fusion.tracking.motion_filter import Expected
+from dsmap.fusion.tracking.tracker import ModelView, Tracker, exposure_gain
+from dsmap.kernels import odometry
+from dsmap.kernels.preprocess import preprocess
+
+CPU = wp.get_device("cpu")
+
+
+def pair(T_prev_cur: np.ndarray):
+    """Maps of two views of the room, and the first as a model view."""
+    first = preprocess(*room(np.eye(4)), LEVELS, CPU)
+    second = preprocess(*room(T_prev_cur), LEVELS, CPU)
+    return second, ModelView(first[0].vertex, first[0].normal, first[0].intensity, 3, np.eye(4)), first
+
+
+@pytest.mark.parametrize("stride", [1, 2])
+def test_joint_normal_equations(stride):
+    frame, model, _ = pair(exp_se3(np.array([0.02, -0.01, 0.015, 0.01, 0.02, -0.01])))
+    tracker = Tracker(TrackConfig(huber_icp=0.004, huber_rgb=0.02, noise_z=0.3), LEVELS)
+    gates = tracker._gates(1, gain=1.05)
+    gates.stride = stride
+    T = exp_se3(np.array([0.01, 0.0, 0.005, 0.0, 0.01, 0.0]))
+    maps = (frame[1].vertex, frame[1].normal, frame[1].intensity)
+    got = odometry.joint_normal_equations(LEVELS[1], gates, maps, model.levels[1])(T)
+    arrays = [tuple(a.numpy().astype(np.float64) for a in group) for group in (maps, model.levels[1])]
+    for ours, rows in zip(got, reference.joint_rows(LEVELS[1], T, gates, *arrays), strict=True):
+        A, b, cost, count = reference.normal_equations(rows)
+        assert abs(ours[3] - count) <= 2, "a pixel on a gate may fall either way in single precision"
+        np.testing.assert_allclose(ours[0], A, rtol=0.02, atol=2e-3 * np.abs(A).max())
+        np.testing.assert_allclose(ours[1], b, atol=0.01 * np.abs(b).max())
+        np.testing.assert_allclose(ours[2], cost, rtol=0.02)
+
+
+def test_exposure_is_not_taken_for_motion():
+    """A frame exposed a quarter darker than the model: the same pose as without, and not without the gain."""
+    T = exp_se3(np.array([0.02, -0.01, 0.015, 0.01, 0.02, -0.01]))
+    frame, model, _ = pair(T)
+    for maps in frame:
+        maps.intensity = wp.array(0.75 * maps.intensity.numpy(), dtype=wp.float32)
+    surfaces = [(maps.vertex, maps.normal, maps.intensity) for maps in frame]
+    assert exposure_gain(surfaces[-1], model.levels[-1]) == pytest.approx(1 / 0.75, rel=0.05)
+    errors = {}
+    for exposure in (True, False):
+        config = TrackConfig(exposure=exposure, so3=False, w_rgb=1.0, rgb_balance=1e3)  # colour decides
+        found, health = Tracker(config, LEVELS).track(frame, model)
+        errors[exposure] = np.linalg.norm((np.linalg.inv(T) @ found)[:3, 3])
+    assert errors[True] < 2e-3 and errors[True] < 0.1 * errors[False]
+    nothing = (surfaces[-1][0], surfaces[-1][1], wp.zeros_like(surfaces[-1][2]))
+    assert exposure_gain(nothing, model.levels[-1]) == 1.0, "a black image has no exposure"
+
+
+def test_rotation_normal_equations():
+    frame, _, first = pair(exp_se3(np.array([0, 0, 0, 0.01, 0.03, -0.01])))
+    R = exp_so3(np.array([0.0, 0.01, 0.0]))
+    last = first[2].intensity
+    gradient = odometry.gradient(last)
+    got = odometry.rotation_normal_equations(LEVELS[2], frame[2].intensity, last, gradient)(R)
+    rows = reference.rotation_rows(LEVELS[2], R, frame[2].intensity.numpy(), last.numpy(), gradient.numpy())
+    for ours, expected in zip(got, reference.normal_equations(rows), strict=True):
+        np.testing.assert_allclose(ours, expected, rtol=1e-3, atol=1e-3 * np.abs(expected).max())
+
+
+def test_lanes_do_not_change_the_sums(monkeypatch):
+    """The CUDA path splits rows into lanes: the same sums, in another order."""
+    frame, model, _ = pair(exp_se3(np.array([0.02, 0, 0, 0, 0.01, 0])))
+    gates = Tracker(TrackConfig(), LEVELS)._gates(0)
+    maps = (frame[0].vertex, frame[0].normal, frame[0].intensity)
+    one = odometry.joint_normal_equations(LEVELS[0], gates, maps, model.levels[0])(np.eye(4))
+    monkeypatch.setattr(odometry, "_lanes", lambda device: odometry.CUDA_LANES)
+    many = odometry.joint_normal_equations(LEVELS[0], gates, maps, model.levels[0])(np.eye(4))
+    for a, b in zip(one, many, strict=True):
+        assert a[3] == b[3]
+        np.testing.assert_allclose(a[0], b[0], rtol=1e-4, atol=1e-4 * np.abs(a[0]).max())
+
+
+@pytest.mark.parametrize(
+    "xi", [[0.03, -0.02, 0.02, 0.02, -0.03, 0.01], [0, 0, 0, 0, 0.08, 0.0], [0.05, 0, 0, 0, 0, 0]]
+)
+def test_tracker_finds_the_motion(xi):
+    truth = exp_se3(np.array(xi))
+    frame, model, first = pair(truth)
+    tracker = Tracker(TrackConfig(), LEVELS)
+    tracker.remember(first[-1].intensity)
+    T_prev_cur, health = tracker.track(frame, model)
+    error = inverse(truth) @ T_prev_cur
+    assert health.tracked, health.reason
+    assert np.linalg.norm(error[:3, 3]) < 2e-3
+    assert np.rad2deg(rotation_angle(error)) < 0.1
+    assert 0.01 < health.information_icp < 0.99, "neither residual may drown the other"
+
+
+def wall(distance: float, noise: float, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """A bare grey wall straight ahead, depth with noise [m]."""
+    depth = distance + noise * np.random.default_rng(seed).standard_normal((72, 96))
+    return np.full((72, 96, 3), 128, np.uint8), depth.astype(np.float32)
+
+
+def test_in_front_of_a_bare_wall_motion_says_what_depth_cannot():
+    """Depth alone tells the distance and two angles; the rest comes from the expectation, however wrong it is."""
+    model = preprocess(*wall(2.0, 0.0, 0), LEVELS, CPU)
+    view = ModelView(model[0].vertex, model[0].normal, model[0].intensity, 3, np.eye(4))
+    frame = preprocess(*wall(1.98, 0.002, 1), LEVELS, CPU)
+    motion = np.array([0.01, -0.02, 0.005, 0.004, -0.003, 0.02])
+    sure = 0.005**-2.0 * np.eye(6)
+    tracker = Tracker(TrackConfig(), LEVELS)
+    found, health = tracker.track(frame, view, expected=Expected(exp_se3(motion), sure))
+    xi = log_se3(found)
+    np.testing.assert_allclose(
+        xi[[0, 1, 5]], motion[[0, 1, 5]], atol=0.002, err_msg="along the wall: as expected"
+    )
+    np.testing.assert_allclose(xi[[2, 3, 4]], [0.02, 0, 0], atol=0.002, err_msg="across: as measured")
+    _, by_itself = tracker.track(frame, view)
+    assert health.inliers == pytest.approx(by_itself.inliers, rel=0.02)
+    assert np.diag(health.covariance)[0] > 100 * np.diag(health.covariance)[2], "no part in the verdict"
+
+
+def test_a_sure_measurement_outweighs_a_wrong_expectation():
+    truth = exp_se3(np.array([0.03, -0.02, 0.02, 0.02, -0.03, 0.01]))
+    frame, model, _ = pair(truth)
+    wrong = Expected(np.eye(4), 0.02**-2.0 * np.eye(6))
+    found, health = Tracker(TrackConfig(), LEVELS).track(frame, model, expected=wrong)
+    assert health.tracked and np.linalg.norm((inverse(truth) @ found)[:3, 3]) < 2e-3
+
+
+def test_a_search_starts_where_motion_leads_if_that_fits_better():
+    """So far from the last pose that registration does not get there from it."""
+    truth = exp_se3(np.array([0.05, -0.05, 0.05, 0, 0.5, 0]))
+    frame, model, _ = pair(truth)
+    tracker = Tracker(TrackConfig(so3=False), LEVELS)
+    unsure = 10.0**-2 * np.eye(6)
+    starts = {"rest": None, "expected": Expected(truth, unsure), "wrong": Expected(inverse(truth), unsure)}
+    off = {
+        name: np.linalg.norm((inverse(truth) @ tracker.track(frame, model, expected=e)[0])[:3, 3])
+        for name, e in starts.items()
+    }
+    assert off["expected"] < 5e-3 and off["rest"] > 0.02
+    assert off["wrong"] < 2 * off["rest"], "a start that fits worse is not taken"
+
+
+def test_tracker_knows_when_it_is_lost():
+    frame, model, first = pair(np.eye(4))
+    rng = np.random.default_rng(0)
+    noise = preprocess(rng.integers(0, 256, (72, 96, 3), dtype=np.uint8),
+                       rng.uniform(0.5, 3, (72, 96)).astype(np.float32), LEVELS, CPU)  # fmt: skip
+    tracker = Tracker(TrackConfig(), LEVELS)
+    tracker.remember(first[-1].intensity)
+    assert not tracker.track(noise, model)[1].tracked
+    far = preprocess(*room(exp_se3(np.array([0, 0, 0, 0, 2.5, 0]))), LEVELS, CPU)
+    assert not tracker.track(far, model)[1].tracked
+    empty = preprocess(np.zeros((72, 96, 3), np.uint8), np.zeros((72, 96), np.float32), LEVELS, CPU)
+    assert not tracker.track(empty, model)[1].tracked
+    assert tracker.track(frame, model)[1].tracked

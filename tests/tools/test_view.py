@@ -1,0 +1,201 @@
+"""`dsmap view`: what it reads, what it selects, its pictures, and the page in a headless browser."""
+
+import base64
+import contextlib
+import json
+import shutil
+import socket
+import subprocess
+import time
+import urllib.request
+
+import cv2
+import numpy as np
+import pytest
+from synthetic_map import CEILING, FLOOR, TABLE, WALL, camera_path, room_arrays
+
+from dsmap.classes import PALETTE
+from dsmap.errors import InputError
+from dsmap.fusion.runs.ply import write_ply, write_trajectory
+from dsmap.tools.commands.view import Args, main, read_run
+
+
+@pytest.fixture(scope="module")
+def run_dir(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("run")
+    write_ply(folder / "map.ply", room_arrays())
+    write_trajectory(folder / "trajectory.txt", camera_path())
+    return folder
+
+
+def test_png_renders_the_views(run_dir, tmp_path, capsys):
+    assert main(Args(run=run_dir, png=tmp_path)) == 0
+    names = ["map_colour.png", "map_label.png", "map_confidence.png", "map_time.png"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(names)
+    assert all(name in capsys.readouterr().out or name for name in names)
+    image = cv2.imread(str(tmp_path / "map_time.png"))
+    assert image.shape == (960, 1280, 3)
+    assert image.std() > 10
+
+
+def test_not_a_run_is_a_clear_error(run_dir, tmp_path):
+    with pytest.raises(InputError, match=r"has no map\.ply; expected a RUN folder"):
+        main(Args(run=tmp_path / "missing"))
+    shutil.copy(run_dir / "map.ply", tmp_path)
+    with pytest.raises(InputError, match=r"has no trajectory\.txt"):
+        main(Args(run=tmp_path))
+    (tmp_path / "trajectory.txt").write_text("1 2 3 nonsense\n")
+    with pytest.raises(InputError, match=r"trajectory\.txt"):
+        main(Args(run=tmp_path))
+    (tmp_path / "map.ply").write_bytes(b"ply\nformat ascii 1.0\nend_header\n")
+    with pytest.raises(InputError, match=r"map\.ply"):
+        main(Args(run=tmp_path))
+
+
+def test_empty_map_and_bad_options(run_dir, tmp_path):
+    write_ply(tmp_path / "map.ply", {name: values[:0] for name, values in room_arrays(0.5).items()})
+    write_trajectory(tmp_path / "trajectory.txt", [])
+    with pytest.raises(InputError, match="no surfels"):
+        main(Args(run=tmp_path))
+    with pytest.raises(InputError, match="--port is 0"):
+        main(Args(run=run_dir, port=0))
+    with pytest.raises(InputError, match="--max-points is 0"):
+        main(Args(run=run_dir, max_points=0))
+
+
+def test_cloud_selects_and_thins_out(run_dir):
+    pytest.importorskip("viser")
+    from dsmap.tools.support.viewer import MODES, Cloud
+
+    arrays, poses, _ = read_run(run_dir)
+    assert poses.shape == (30, 4, 4)
+    cloud = Cloud(arrays, 1000)
+    assert len(cloud) == 1000
+    assert cloud.thinning == pytest.approx(len(arrays["weight"]) / 1000)
+    share = (arrays["label"] == WALL).mean()
+    assert (cloud.arrays["label"] == WALL).mean() == pytest.approx(share, abs=0.06)
+    for mode in MODES:
+        colours = cloud.colours(mode)
+        assert colours.shape == (1000, 3)
+        assert colours.dtype == np.uint8
+    assert np.array_equal(cloud.colours("label"), PALETTE[cloud.arrays["label"]])
+    keep = cloud.select({FLOOR, WALL}, 20, None)
+    assert set(cloud.arrays["label"][keep]) == {FLOOR, WALL}
+    assert cloud.arrays["weight"][keep].min() >= 20
+    above = cloud.select(set(range(14)), 0, np.array([2.0, 1.5, 9.0]))
+    assert set(cloud.arrays["label"][above]) == {FLOOR, TABLE, WALL}, "the ceiling faces away"
+    assert not cloud.select(set(), 0, None).any()
+
+
+@pytest.mark.slow
+def test_page_in_a_headless_browser(run_dir, tmp_path):
+    chromium = shutil.which("chromium") or shutil.which("google-chrome")
+    if chromium is None:
+        pytest.skip("no chromium on this machine (Debian: apt-get install chromium)")
+    pytest.importorskip("viser")
+    from dsmap.tools.support.viewer import Cloud, MapViewer
+
+    arrays, poses, _ = read_run(run_dir)
+    viewer = MapViewer(Cloud(arrays, 100_000), poses, 0, "127.0.0.1", _free_port(), "test")
+    try:
+        with _browser(chromium, tmp_path, viewer.server.get_port()) as page:
+            text = _wait(lambda: t if "Camera path" in (t := page.text()) else None)
+            for words in (
+                "Point size",
+                "Min. confidence",
+                "Cut away walls",
+                "floor",
+                "table",
+                "wall",
+                "Camera path",
+            ):
+                assert words in text, f"{words!r} is not on the page"
+            viewer.mode.value = "label"
+            viewer.update()
+            _wait(lambda: page.share(FLOOR) > 0.02 or None)
+            assert page.share(WALL) > 0.02
+            assert page.share(CEILING) < 0.02, "it is cut away"
+            page.click("floor")
+            _wait(lambda: page.share(FLOOR) < 0.02 or None)
+            assert not viewer.boxes[FLOOR].value
+            assert page.share(WALL) > 0.02, "only the floor was switched off"
+            page.click("Cut away walls")
+            _wait(lambda: page.share(CEILING) > 0.02 or None)
+    finally:
+        viewer.server.stop()
+
+
+class Page:
+    """A page of a browser, driven through its debugging protocol."""
+
+    def __init__(self, socket_) -> None:
+        self.socket = socket_
+        self.count = 0
+
+    def call(self, method: str, **params):
+        self.count += 1
+        self.socket.send(json.dumps({"id": self.count, "method": method, "params": params}))
+        while (answer := json.loads(self.socket.recv(timeout=60))).get("id") != self.count:
+            pass
+        return answer["result"]
+
+    def text(self) -> str:
+        return self.call("Runtime.evaluate", expression="document.body?.innerText ?? ''")["result"]["value"]
+
+    def click(self, words: str) -> None:
+        """Switch the checkbox beside the words."""
+        script = """[...document.querySelectorAll("input[type=checkbox]")].find((box) => {
+            for (let node = box, i = 0; i < 8; i++, node = node.parentElement)
+                if (node.innerText?.trim() === "%s") return true;
+        }).click()"""
+        answer = self.call("Runtime.evaluate", expression=script % words)
+        assert "exceptionDetails" not in answer, f"the page has no switch {words!r}"
+
+    def share(self, label: int) -> float:
+        """Share of the screen that has nearly the colour of a class."""
+        png = base64.b64decode(self.call("Page.captureScreenshot")["data"])
+        image = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR)[..., ::-1].astype(int)
+        return float((np.abs(image - PALETTE[label]).max(axis=2) < 12).mean())
+
+
+def _free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+def _wait(check, seconds: float = 60):
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        if (result := check()) is not None:
+            return result
+        time.sleep(0.3)
+    pytest.fail(f"nothing happened in {seconds} s")
+
+
+@contextlib.contextmanager
+def _browser(chromium: str, folder, port: int):
+    """A page in headless Chromium with WebGL in software."""
+    from websockets.sync.client import connect
+
+    debug = _free_port()
+    flags = (
+        "--headless --no-sandbox --disable-quic --no-first-run --disable-background-networking "
+        "--disable-component-update --disable-sync --use-gl=angle --use-angle=swiftshader "
+        f"--enable-unsafe-swiftshader --window-size=900,600 --remote-debugging-port={debug}"
+    ).split()
+    command = [chromium, *flags, f"--user-data-dir={folder / 'profile'}", f"http://localhost:{port}"]
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+
+    def address() -> str | None:
+        with contextlib.suppress(OSError):
+            tabs = json.load(urllib.request.urlopen(f"http://127.0.0.1:{debug}/json"))
+            return next((tab["webSocketDebuggerUrl"] for tab in tabs if tab["type"] == "page"), None)
+        return None
+
+    try:
+        with connect(_wait(address), max_size=None) as socket_:
+            yield Page(socket_)
+    finally:
+        process.terminate()
+        process.wait(timeout=30)

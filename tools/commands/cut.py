@@ -1,0 +1,37 @@
+"""`dsmap cut`: a stretch of a recording as a new sequence."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import tyro
+
+from dsmap.sequences import open_sequence
+from dsmap.sequences.cut import cut_sequence
+from dsmap.tools.support.parse import parse_intrinsics
+
+
+@dataclass
+class Args:
+    source: tyro.conf.Positional[Path]
+    """The recording: a folder in TUM RGB-D, 7-Scenes or Redwood/Open3D layout."""
+    destination: tyro.conf.Positional[Path]
+    """New folder for the sequence (TUM layout; image files are copied as they are)."""
+    start: float = 0.0
+    """Where to begin, after the first colour image [s]."""
+    seconds: float = 10.0
+    """How much to copy [s]."""
+    intrinsics: str | None = None
+    """fx,fy,cx,cy of the recording's images [px]; before calibration.yaml and known defaults."""
+    depth_scale: float | None = None
+    """Stored depth units per metre, e.g. 1000 or 5000."""
+
+
+def main(args: Args) -> None:
+    """Cut and say what was written."""
+    sequence = open_sequence(
+        args.source, intrinsics=parse_intrinsics(args.intrinsics), depth_scale=args.depth_scale
+    )
+    result = cut_sequence(sequence, args.destination, start_s=args.start, seconds=args.seconds)
+    written = ", ".join(f"{count} {name}" for name, count in result.counts.items() if count)
+    print(f"{args.destination}: {written}, from stamp {result.begin:.6f}")
+    print(f"calibration.yaml written from: {sequence.intrinsics_source}")

@@ -1,0 +1,191 @@
+"""`dsmap evaluate`: a run against its reference, or a network alone on labelled images."""
+
+import dataclasses
+import json
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+import tyro
+from tqdm import tqdm
+
+from dsmap.classes import CLASS_NAMES
+from dsmap.dsnet.datasets.registry import open_set
+from dsmap.errors import InputError
+from dsmap.files import atomic_path
+from dsmap.frame import Frame
+from dsmap.fusion.evaluate.run import MAX_FRAMES, evaluate_run
+from dsmap.fusion.evaluate.semantics import evaluate_network
+from dsmap.fusion.runs.read_run import Run, load_run
+from dsmap.fusion.segmenter import Segmenter
+from dsmap.sequences import open_sequence
+from dsmap.sequences.tum import is_tum
+from dsmap.tools.mapping.segmenters import SegmenterSpec, make_segmenter
+from dsmap.tools.support.parse import parse_intrinsics
+from dsmap.tools.support.score_tables import network_table, run_tables
+
+
+@dataclass
+class Args:
+    run: Annotated[Path | None, tyro.conf.Positional] = None
+    """RUN folder to score; leave out with --data."""
+    reference: Path | None = None
+    """The recording with ground truth; default: the recording that was mapped."""
+    data: Path | None = None
+    """Score a network alone: a labelled recording, or PATH or PATH@SPLIT of a data set as `dsmap train` takes them."""
+    weights: str | None = None
+    """Weights of the network; default: the run's, or those that come with dsmap."""
+    max_frames: int = MAX_FRAMES
+    """Labelled frames that a run's semantics are scored on, evenly spread; 0: all."""
+    engine: Literal["auto", "torch", "onnx"] | None = None
+    """What runs the network (see `dsmap map`); default: as the run did, or the fastest that is installed."""
+    out: Path | None = None
+    """Where to write the scores; default: metrics.json in the RUN folder, nowhere with --data. With --data also a
+    folder: metrics.json, reliability.png and overlays.jpg (ten images by rank) go into it."""
+    sfm: bool = False
+    """Compare with the poses that structure from motion finds in the colour images alone, too (COLMAP, minutes;
+    needs `pip install 'dsmap[sfm]'`): a reference for recordings without one, a second opinion on given poses."""
+    intrinsics: str | None = None
+    """fx,fy,cx,cy of the reference's images [px]; before calibration.yaml and known defaults."""
+    depth_scale: float | None = None
+    """Stored depth units per metre of the reference."""
+
+
+def main(args: Args) -> None:
+    """Score, print the tables, write metrics.json."""
+    if args.run is not None and args.data is None:
+        metrics = score_run(args.run, args)
+        print(run_tables(metrics))
+        out = args.out or args.run / "metrics.json"
+    elif args.data is not None and args.run is None:
+        metrics, watch, segmenter = score_network(args.data, args.weights, args.engine or "auto")
+        print(network_table(metrics))
+        out = args.out
+        if out is not None and out.suffix != ".json":
+            draw_network(out, args.data, watch, segmenter)
+            out = out / "metrics.json"
+    else:
+        raise InputError("expected either a RUN folder, or --data with images and labels")
+    if out is not None:
+        with atomic_path(out) as path:
+            path.write_text(json.dumps(finite(metrics), indent=2, allow_nan=False) + "\n")
+        print(f"written: {out}")
+
+
+def score_run(folder: Path, args: Args) -> dict[str, Any]:
+    """The metrics of a run (see `dsmap.fusion.evaluate.run.evaluate_run`)."""
+    run = load_run(folder)
+    settings = run.settings.get("sequence", {})
+    path = args.reference or settings.get("path")
+    if path is None:
+        raise InputError(f"{folder}: its config.yaml names no recording; expected --reference")
+    reference = open_sequence(
+        path,
+        intrinsics=parse_intrinsics(args.intrinsics),
+        depth_scale=args.depth_scale,
+        undistort=bool(settings.get("undistort", False)),
+    )
+    segmenter = segmenter_of(run, args.weights, args.engine) if reference.has_labels else None
+    return evaluate_run(run, reference, segmenter, args.max_frames, args.sfm)
+
+
+def segmenter_of(run: Run, weights: str | None, engine: str | None = None) -> Segmenter | None:
+    """The segmenter that labelled a run, from its config.yaml; `weights` and `engine` replace the run's.
+
+    A network that needs a package which is not here, or a factory that is gone, gives None and a line of
+    warning: the map's own labels can still be scored.
+    """
+    values: dict[str, Any] = run.settings.get("segmenter") or {"kind": "none"}
+    try:
+        spec = SegmenterSpec(**values)
+        if weights is not None:
+            spec.weights = weights
+        if engine is not None:
+            spec.engine = engine
+        return make_segmenter(spec)
+    except (InputError, ModuleNotFoundError, TypeError) as error:
+        if weights is not None:
+            raise
+        print(f"warning: the run's segmenter cannot be built ({error}); the network is not scored")
+        return None
+
+
+def score_network(data: Path, weights: str | None, engine: str) -> tuple[dict[str, Any], Any, Segmenter]:
+    """Scores of DS-Net alone on labelled images, the `single_frame` tree of a run's metrics.
+
+    Returns:
+        The metrics, the `Watch` that noted the score of every image, and the segmenter.
+    """
+    from dsmap.dsnet.scoring.measure import Watch  # with torch, which scoring a run of geometry does without
+
+    segmenter = make_segmenter(SegmenterSpec("dsnet", weights, engine=engine))
+    if segmenter is None:
+        raise InputError("no network to score")
+    watch = Watch(segmenter)  # type: ignore[arg-type]
+    tree, frames = evaluate_network(watch, labelled_frames(data))
+    images = [dataclasses.asdict(image) for image in watch.ranked()]
+    metrics = {"single_frame": tree, "frames": frames, "data": str(data), "weights": weights}
+    return metrics | {"images_by_rank": images}, watch, segmenter
+
+
+def draw_network(out: Path, data: Path, watch: Any, segmenter: Segmenter) -> None:
+    """Write reliability.png, and overlays.jpg of the best three, the median four and the worst three images."""
+    from dsmap.dsnet.scoring.measure import by_rank, enlarge
+    from dsmap.dsnet.scoring.pictures import Overlay, draw_overlays, draw_reliability
+
+    ranked = watch.ranked()
+    ranks = {ranked[rank].index: rank for rank in by_rank(len(ranked))}
+    overlays = []
+    for frame, label in labelled_frames(data, set(ranks)):
+        p = segmenter(frame)
+        if p is not None:
+            answer = (enlarge(p, label)[..., 1:].argmax(axis=2) + 1).astype(np.uint8)
+            rank = ranks[frame.index]
+            overlays.append(Overlay(frame.rgb, label, answer, ranked[rank], rank))
+    overlays.sort(key=lambda overlay: overlay.rank)
+    draw_reliability(out / "reliability.png", watch.reliability, f"{data.name}, {len(ranked)} images")
+    draw_overlays(out / "overlays.jpg", overlays, len(ranked))
+    print(f"pictures: {out / 'reliability.png'} {out / 'overlays.jpg'}")
+
+
+def labelled_frames(data: Path, only: set[int] | None = None) -> Iterator[tuple[Frame, np.ndarray]]:
+    """Frames with labels of a recording, or of any data set of the 13 classes (see `open_set`).
+
+    Args:
+        only: indices of the frames wanted; None: all.
+
+    Raises:
+        InputError: there are none, they are of other classes, or an image does not fit its label.
+    """
+    if is_tum(data):
+        sequence = open_sequence(data)
+        if not sequence.has_labels:
+            raise InputError(
+                f"{data}: this recording has no labels; expected label.txt, or folders rgb/ and label/"
+            )
+        for i in tqdm(sequence.labelled(), unit="image", disable=only is not None):
+            if only is not None and i not in only:
+                continue
+            frame = sequence.frame(i)
+            if frame.label is not None:
+                yield frame, frame.label
+        return
+    images = open_set(data)
+    if images.class_names != CLASS_NAMES:
+        raise InputError(f"{data}: classes are {', '.join(images.class_names)}, expected the 13 of NYUv2")
+    for index, item in enumerate(tqdm(images.items, unit="image", disable=only is not None)):
+        if only is not None and index not in only:
+            continue
+        example = item.read()
+        depth = np.zeros(example.label.shape, np.float32) if example.depth is None else example.depth
+        yield Frame(index, float(index), example.rgb, depth, label=example.label), example.label
+
+
+def finite(tree: Any) -> Any:
+    """The tree with NaN and infinite numbers as None: JSON has no such numbers."""
+    if isinstance(tree, dict):
+        return {key: finite(value) for key, value in tree.items()}
+    return None if isinstance(tree, float) and not math.isfinite(tree) else tree

@@ -1,0 +1,103 @@
+"""`dsmap info`: what dsmap understands of a recording."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import tyro
+
+from dsmap.errors import InputError
+from dsmap.sequences import Sequence, open_sequence
+from dsmap.sequences.associate import gaps
+from dsmap.tools.support.parse import parse_intrinsics
+
+SAMPLES = 10
+"""Frames opened to measure the depth range."""
+PLAUSIBLE_DEPTH_M = (0.2, 10.0)
+"""A median depth outside this range most likely means a wrong depth scale."""
+
+
+@dataclass
+class Args:
+    path: tyro.conf.Positional[Path]
+    """The recording: a folder in TUM RGB-D, 7-Scenes or Redwood/Open3D layout."""
+    intrinsics: str | None = None
+    """fx,fy,cx,cy of the recording's own images [px]; before calibration.yaml and known defaults."""
+    depth_scale: float | None = None
+    """Stored depth units per metre, e.g. 1000 or 5000."""
+
+
+def main(args: Args) -> None:
+    """Print what was understood, and warnings."""
+    sequence = open_sequence(
+        args.path, intrinsics=parse_intrinsics(args.intrinsics), depth_scale=args.depth_scale
+    )
+    depth = sample_depth(sequence)
+    rows = [*describe(sequence), *describe_depth(depth)]
+    width = max(len(name) for name, _ in rows)
+    for name, text in rows:
+        print(f"{name:<{width}}  {text}")
+    for warning in [*sequence.notes, *warnings(depth)]:
+        print(f"warning: {warning}")
+
+
+def describe(sequence: Sequence) -> list[tuple[str, str]]:
+    """Name and text of everything that is known without decoding frames."""
+    k, recording, times = sequence.intrinsics, sequence.recording, sequence.times
+    pairs = len(recording.entries)
+    posed = sum(entry.T_world_camera is not None for entry in sequence.entries)
+    with_instances = sum(entry.instance is not None for entry in sequence.entries)
+    holes = gaps(times)
+    longest = sorted(holes, key=lambda gap: -gap[1])[:3]
+    named = ", ".join(f"{length:.2f} s after {t:.3f}" for t, length in longest)
+    distortion = "none" if k.distortion is None else "radtan " + " ".join(f"{v:g}" for v in k.distortion)
+    return [
+        ("layout", sequence.layout),
+        ("image size", f"{k.width}x{k.height}"),
+        ("intrinsics", f"fx {k.fx:g} fy {k.fy:g} cx {k.cx:g} cy {k.cy:g} (integer pixel centres)"),
+        ("from", sequence.intrinsics_source),
+        ("pixel centre", f"{sequence.calibration.pixel_center} in the source"),
+        ("distortion", distortion),
+        ("depth scale", f"{sequence.depth_scale:g} units per metre"),
+        ("colour images", f"{recording.num_rgb} ({recording.num_rgb - pairs} without depth)"),
+        ("depth images", f"{recording.num_depth} ({recording.num_depth - pairs} without colour)"),
+        ("pairs", f"{pairs} over {times[-1] - times[0]:.2f} s"),
+        ("gaps", f"{len(holes)} longer than 3 median intervals" + (f": {named}" if holes else "")),
+        ("poses", f"{posed} frames" if posed else "none"),
+        ("labels", f"{len(sequence.labelled())} frames" if sequence.has_labels else "none"),
+        ("instances", f"{with_instances} frames" if with_instances else "none"),
+    ]
+
+
+def sample_depth(sequence: Sequence) -> np.ndarray | InputError:
+    """Valid depth [m] of frames spread over the sequence, shape (N,), or why there is none."""
+    values, failure = [], InputError(f"{sequence.path}: no frame with valid depth")
+    for i in np.unique(np.linspace(0, len(sequence) - 1, SAMPLES).astype(int)):
+        try:
+            depth = sequence.depth(int(i))
+        except InputError as error:
+            failure = error
+            continue
+        values.append(depth[depth > 0])
+    return np.concatenate(values) if values else failure
+
+
+def describe_depth(depth: np.ndarray | InputError) -> list[tuple[str, str]]:
+    """Depth range of the sampled frames."""
+    if isinstance(depth, InputError):
+        return [("depth range", "unknown")]
+    low, median, high = np.percentile(depth, (1, 50, 99))
+    return [("depth range", f"{low:.2f} to {high:.2f} m (1st to 99th percentile), median {median:.2f} m")]
+
+
+def warnings(depth: np.ndarray | InputError) -> list[str]:
+    """What is probably wrong with the depth."""
+    if isinstance(depth, InputError):
+        return [f"none of the sampled frames can be read: {depth}"]
+    median, (low, high) = float(np.median(depth)), PLAUSIBLE_DEPTH_M
+    if low <= median <= high:
+        return []
+    return [
+        f"the median depth is {median:.3g} m, expected {low:g} to {high:g} m: "
+        "the depth scale is probably wrong (--depth-scale)"
+    ]

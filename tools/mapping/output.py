@@ -1,0 +1,76 @@
+"""What `dsmap map` writes and says."""
+
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dsmap.fusion.labels.segment import segment_later
+from dsmap.fusion.runs.map_recording import Run
+from dsmap.fusion.runs.run_folder import config_values, save_run, statistics, write_json, write_yaml
+from dsmap.sequences import Sequence
+from dsmap.tools.mapping.segmenters import SegmenterSpec
+
+
+def write_run(args: Any, state: Run, sequence: Sequence, spec: SegmenterSpec) -> None:
+    """Write everything but the pictures; the checkpoint last: where it is new, all else is."""
+    save_run(state.mapper, args.out, with_probabilities=args.save_probabilities, checkpoint=False)
+    k = sequence.intrinsics
+    values: dict[str, Any] = {
+        "sequence": {
+            "path": str(args.path), "start": args.start, "stop": args.stop, "stride": args.stride,
+            "size": [k.width, k.height], "undistort": args.undistort, "depth_scale": sequence.depth_scale,
+            "intrinsics": {"fx": k.fx, "fy": k.fy, "cx": k.cx, "cy": k.cy, "width": k.width, "height": k.height},
+            "intrinsics_source": sequence.intrinsics_source,
+        },
+        "config": args.config,
+        "localize_in": None if args.localize_in is None else str(args.localize_in),
+        "map": config_values(state.mapper),
+        "segmenter": dataclasses.asdict(spec),
+    }  # fmt: skip
+    write_yaml(args.out / "config.yaml", values)
+    write_json(args.out / "stats.json", statistics(state.mapper, len(state.skipped), state.wall_s))
+    state.save(state)
+
+
+def draw(out: Path, state: Run, sequence: Sequence) -> None:
+    """Draw the pictures of a run."""
+    from dsmap.fusion.pictures.pictures import StripFrame, write_pictures
+
+    mapper, strip = state.mapper, []
+    for position, result in state.shown:
+        frame = sequence.frame(position)
+        probabilities = None
+        if mapper.segmenter and result.tracked:
+            probabilities = segment_later(
+                mapper.segmenter,
+                frame,
+                result.T_world_camera,
+                mapper.gravity,
+                mapper.intrinsics,
+                mapper.config,
+            )
+        predicted = (
+            None if probabilities is None else (probabilities[..., 1:].argmax(-1) + 1).astype(np.uint8)
+        )
+        strip.append(StripFrame(frame, result.T_world_camera, predicted))
+    reference = [sequence.T_world_camera(i) for i in range(len(sequence))]
+    points = mapper.trajectory[mapper.first_frame :]
+    write_pictures(out, mapper.surfels, points, sequence.intrinsics, strip, reference, up=mapper.up)
+
+
+def report(state: Run, out: Path) -> None:
+    """Say in a few lines what came out."""
+    stats = statistics(state.mapper, len(state.skipped), 0.0)
+    tracking, speed, found = stats["tracking"], stats["speed"], stats["map"]
+    lost, skipped = tracking["lost_frames"], tracking["skipped_frames"]
+    print(
+        f"{tracking['tracked_frames']} of {found['frames']} frames tracked, {lost} lost, {skipped} skipped; "
+        f"{found['local_loops']} local and {found['global_loops']} global loops"
+    )
+    for index, reason in state.skipped[:5]:
+        print(f"skipped frame {index}: {reason}")
+    fps = f"{speed['fps']:.1f} frames/s" if speed["fps"] else "no frame mapped"
+    print(f"{found['surfels']:,} surfels, {fps}, {speed['peak_rss_bytes'] / 2**20:.0f} MiB at most")
+    print(f"written to {out}: map.ply labels.ply trajectory.txt stats.json checkpoint.safetensors pictures/")

@@ -1,0 +1,63 @@
+"""From a `--segmenter` word to the segmenter itself, for every command that needs one."""
+
+import importlib
+import sys
+from dataclasses import dataclass
+from typing import Any
+
+from dsmap.errors import InputError
+from dsmap.fusion.labels.semantics import GroundTruthSegmenter, Noise
+from dsmap.fusion.segmenter import Segmenter
+
+
+@dataclass
+class SegmenterSpec:
+    """Where class probabilities come from; written into a run's config.yaml."""
+
+    kind: str = "dsnet"
+    """dsnet (the network), labels (the recording's own), none, or module:factory."""
+    weights: str | None = None
+    """Weights of the network (safetensors); default: those that come with dsmap."""
+    label_noise: float = 0.0
+    """Share of labels that `labels` corrupts."""
+    label_noise_kind: Noise = "pixels"
+    """pixels: each alone; blobs: 20 px patches drawn anew a frame; confusion: chair becomes sofa."""
+    seed: int = 0
+    """Seed of the corruption."""
+    engine: str = "auto"
+    """What runs the network: torch, onnx (ONNX Runtime, CPU), or auto: the faster one that is installed."""
+
+
+def make_segmenter(spec: SegmenterSpec, device: str = "cpu") -> Segmenter | None:
+    """Build the segmenter that a spec names; None for `none`.
+
+    Raises:
+        InputError: an unknown name, a factory that is not there, foreign weights.
+    """
+    if spec.kind == "none":
+        return None
+    if spec.kind == "labels":
+        if not 0 <= spec.label_noise <= 1:
+            raise InputError(f"--label-noise is {spec.label_noise}; expected a share between 0 and 1")
+        return GroundTruthSegmenter(spec.label_noise, spec.label_noise_kind, spec.seed)
+    if spec.kind == "dsnet":
+        from dsmap.dsnet.inference.predict import load_segmenter
+
+        return load_segmenter(spec.weights, device, spec.engine)
+    module_name, colon, factory_name = spec.kind.partition(":")
+    if not colon:
+        raise InputError(f"--segmenter is {spec.kind!r}; expected dsnet, labels, none or module:factory")
+    return _from_factory(module_name, factory_name)
+
+
+def _from_factory(module_name: str, factory_name: str) -> Any:
+    if "" not in sys.path:
+        sys.path.insert(0, "")  # a console script does not look into the current folder by itself
+    try:
+        factory = getattr(importlib.import_module(module_name), factory_name)
+    except (ImportError, AttributeError) as error:
+        raise InputError(
+            f"--segmenter {module_name}:{factory_name} cannot be loaded ({error}); expected an importable "
+            "module with a factory that returns a segmenter"
+        ) from error
+    return factory()

@@ -1,0 +1,100 @@
+"""Recipes: trainings of several stages in one YAML file, each stage the options of `dsmap train`."""
+
+import contextlib
+import io
+import re
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from string import Template
+from typing import Any
+
+from dsmap.errors import InputError
+from dsmap.tools.support.presets import merged, read_yaml
+
+OPTIONS = ("about", "places", "stages")
+"""Keys of a recipe that are no options of a stage."""
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One stage of a recipe."""
+
+    name: str
+    argv: list[str]
+    """Options of `dsmap train` but `--out`, `--init`, `--resume`, `--device` and `--workers`."""
+
+
+def load_recipe(name: str, places: tuple[str, ...] = ()) -> list[Stage]:
+    """The stages of a recipe.
+
+    Args:
+        name: a YAML file, or the name of a recipe that comes with dsmap.
+        places: NAME=PATH of the data that the recipe calls `${NAME}`.
+
+    Raises:
+        InputError: no such recipe, no stages, or a place that is not given.
+    """
+    folder = resources.files("dsmap.tools") / "recipes"
+    path = Path(name)
+    if not path.is_file():
+        shipped = sorted(file.name.removesuffix(".yaml") for file in folder.iterdir())
+        if name not in shipped:
+            raise InputError(
+                f"--recipe {name}: no such file, expected a YAML file or one of {', '.join(shipped)}"
+            )
+    recipe = read_yaml(path if path.is_file() else folder / f"{name}.yaml")
+    stages = recipe.get("stages")
+    if not isinstance(stages, list) or not stages or not all(isinstance(stage, dict) for stage in stages):
+        raise InputError(f"--recipe {name}: expected `stages`, a list of options of dsmap train")
+    if any("=" not in place for place in places):
+        raise InputError(f"--places: found {' '.join(places)}, expected NAME=PATH")
+    known = {**(recipe.get("places") or {}), **dict(place.split("=", 1) for place in places)}
+    common = {key: value for key, value in recipe.items() if key not in OPTIONS}
+    result = []
+    for number, stage in enumerate(stages, start=1):
+        options = merged(common, stage)
+        label = f"{number}-{options.pop('name', 'stage')}"
+        try:
+            argv = [Template(word).substitute(known) for word in words(options)]
+        except (KeyError, ValueError) as error:
+            raise InputError(
+                f"--recipe {name}: place {error} is not given, expected --places NAME=PATH"
+            ) from error
+        result.append(Stage(label, argv))
+    return result
+
+
+def words(options: dict[str, Any], prefix: str = "--") -> list[str]:
+    """Options by name as the words of a command line; nested ones as `--net.depth`."""
+    found = []
+    for key, value in options.items():
+        flag = prefix + str(key).replace("_", "-")
+        if isinstance(value, dict):
+            found += words(value, flag + ".")
+        elif isinstance(value, bool):
+            base, _, last = flag.rpartition(".")
+            off = f"{base}.no-{last}" if base else f"--no-{flag[2:]}"
+            found.append(flag if value else off)
+        elif isinstance(value, list):
+            found += [flag, *map(str, value)]
+        else:
+            found += [flag, str(value)]
+    return found
+
+
+def parse_stage(stage: Stage, args_type: type, out: Path) -> Any:
+    """The stage's options as an object of `args_type`.
+
+    Raises:
+        InputError: options that `dsmap train` does not have, or wrong values.
+    """
+    import tyro
+
+    said = io.StringIO()
+    try:
+        with contextlib.redirect_stderr(said), contextlib.redirect_stdout(said):
+            return tyro.cli(args_type, args=[*stage.argv, "--out", str(out)])
+    except SystemExit as error:
+        text = " ".join(re.sub(r"[^\x20-\x7e]+", " ", said.getvalue()).split())
+        raise InputError(f"recipe: stage {stage.name}: {text[:300]}") from error
