@@ -81,6 +81,8 @@ def class_weights(
     seen = drawn > 0
     weights = np.zeros(len(seen), np.float32)
     share = drawn[seen]
+    if not seen.any():  # nothing is labelled: a teacher has to know
+        return weights
     if balance == "inverse":
         weights[seen] = np.minimum((np.median(share) / share) ** power, 10.0)
     elif balance == "median":

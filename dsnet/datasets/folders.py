@@ -49,6 +49,11 @@ def load_folders(path: Path, split: str | None) -> LabelledSet:
     return LabelledSet(list(chosen), CLASS_NAMES, has_depth)
 
 
+def is_rendered(folder: Path) -> bool:
+    """Whether a recording comes from `dsmap render-scene`, whose worlds stand on z = 0, z up."""
+    return (folder / "scene.json").is_file()
+
+
 def _items_of(folder: Path) -> list[FileItem] | None:
     """Labelled images of one folder; None if it is of neither kind."""
     if is_tum(folder):
@@ -78,15 +83,11 @@ def _recording(folder: Path) -> list[FileItem]:
     stored = read_calibration(folder)
     if stored is None or stored.color_camera is not None or stored.T_color_depth is not None:
         return [FileItem(entry.rgb, entry.label) for entry in entries if entry.label]
-    rendered = (folder / "scene.json").is_file()  # by dsmap: its worlds stand on z = 0, z up
+    rendered = is_rendered(folder)
     found = []
     for entry in entries:
         if entry.label:
-            T = entry.T_world_camera if rendered else None
-            view = DepthView(stored.intrinsics)
-            if T is not None:
-                up = (float(T[2, 0]), float(T[2, 1]), float(T[2, 2]))
-                view = DepthView(stored.intrinsics, up, -float(T[2, 3]))
+            view = DepthView.of_pose(stored.intrinsics, entry.T_world_camera if rendered else None)
             found.append(FileItem(entry.rgb, entry.label, entry.depth, stored.depth_scale, view=view))
     return found
 

@@ -58,6 +58,14 @@ class DepthView:
     floor_height: float | None = None
     """Of the floor along up, seen from the camera [m]; None: estimated from the image."""
 
+    @classmethod
+    def of_pose(cls, intrinsics: Intrinsics, T_world_camera: np.ndarray | None) -> "DepthView":
+        """Of a camera in a world that stands on z = 0, z up; None: its pose is not known."""
+        if T_world_camera is None:
+            return cls(intrinsics)
+        x, y, z, height = map(float, T_world_camera[2])
+        return cls(intrinsics, (x, y, z), -height)
+
     def geometry(self, depth: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
         """Geometry of a depth image at another size, float16, shape (*shape, 4).
 

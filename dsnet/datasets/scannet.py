@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from dsmap.classes import CLASS_NAMES, NYU40_TO_13
-from dsmap.dsnet.datasets.base import FileItem, Item, LabelledSet, read_list, require
+from dsmap.dsnet.datasets.base import FileItem, LabelledSet, read_list, require
 from dsmap.dsnet.datasets.geometry import DepthView
 from dsmap.errors import InputError
 from dsmap.frame import Intrinsics
@@ -38,7 +38,7 @@ def load_scannet(path: Path, split: str | None) -> LabelledSet:
             read_list(path / f"scannetv2_{split}.txt", f"the list of {split} scenes of ScanNet's benchmark")
         )
         scenes = [scene for scene in scenes if scene.name in names]
-    items: list[Item] = []
+    items: list[FileItem] = []
     table = None
     for scene in scenes:
         labels, ids = scene / "label", NYU40_TO_13
@@ -53,7 +53,7 @@ def load_scannet(path: Path, split: str | None) -> LabelledSet:
         items += [_item(scene, label, ids) for label in sorted(labels.glob("*.png"), key=_number)]
     if not items:
         raise InputError(f"{path}: no labelled frame, expected sceneNNNN_NN/label-filt/*.png or label/*.png")
-    return LabelledSet(items, CLASS_NAMES, has_depth=True)
+    return LabelledSet(list(items), CLASS_NAMES, has_depth=all(item.view is not None for item in items))
 
 
 def _item(scene: Path, label: Path, table: np.ndarray) -> FileItem:

@@ -89,7 +89,7 @@ class SbdItem:
     def name(self) -> str:
         return str(self.mask)
 
-    def read(self, with_depth: bool = True) -> Example:
+    def read(self, with_geometry: bool = True) -> Example:
         rgb = read_colour(self.rgb)
         record = read_mat(self.mask, "GTcls").ravel()[0]
         stored = np.asarray(getattr(record, "Segmentation", None))

@@ -140,7 +140,7 @@ def nyuv2_table(
     columns = ("method", *TABLE4_ORDER, "class average", "pixel accuracy", "mIoU")
     rows: list[list[object]] = [[name, *map(str, row), "-", "-"] for name, row in LITERATURE.items()]
     rows.append(["RGB-D CNN of SemanticFusion, single frames", *"-" * 13, SINGLE_FRAME_RGBD_CNN, "-", "-"])
-    rows += [[f"{name}, single RGB frames", *_row(entry)] for name, entry in table.items()]
+    rows += [[f"{name}, single frames", *_row(entry)] for name, entry in table.items()]
     text = write_table(out, columns, rows)
     bars = {
         name: {k: 100 * entry["per_class"][k]["recall"] for k in TABLE4_ORDER if k in entry["per_class"]}
@@ -226,18 +226,15 @@ class _At320:
     def name(self) -> str:
         return self.item.name
 
-    def read(self, with_depth: bool = True) -> Example:
-        example = self.item.read(with_depth)
+    def read(self, with_geometry: bool = True) -> Example:
+        example = self.item.read(with_geometry)
         return replace(example, label=resize_nearest(example.label, *SIZE))
 
 
 def _score(data: LabelledSet, weights: Path | None) -> dict:
     segmenter = load_segmenter(weights)
-    rgbd = segmenter.info.config.channels == 4
-    if rgbd and not data.has_depth:
-        raise InputError(f"{weights}: an RGB-D network, expected data with depth")
     small = LabelledSet([_At320(item) for item in data.items], data.class_names, data.has_depth)
-    images = LabelledImages(small, with_depth=rgbd, progress=False)
+    images = LabelledImages(small, with_geometry=segmenter.wants_geometry, progress=False)
     return score(segmenter, images, calibration=True)
 
 

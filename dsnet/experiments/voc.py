@@ -21,7 +21,7 @@ from dsmap.dsnet.experiments.voc_view import voc_view
 
 PAPER_TABLE2 = {
     "L3K8": 78.8, "L3K16": 79.5, "L3K32": 78.3, "L4K8": 82.1, "L4K16": 83.2, "L4K32": 81.6,
-    "L5K8": 80.7, "L5K16": 81.4, "L5K32": 80.9, "pspnet": 82.6, "deeplabv3": 81.6,
+    "L5K8": 80.7, "L5K16": 81.4, "L5K32": 80.9,
 }  # fmt: skip
 """mIoU [%] on VOC 2012's test set, as the paper has it; its encoder was trained before, on what it does not say."""
 INIT_LR = 1 / 8

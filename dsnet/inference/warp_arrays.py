@@ -8,29 +8,39 @@ import torch
 import torch.nn.functional as F
 import warp as wp
 
-from dsmap.dsnet.inference.predict import DSNetSegmenter
+from dsmap.dsnet.config import GEOMETRY_CHANNELS
+from dsmap.dsnet.inference.predict import DSNetSegmenter, fitting_size
 
 
-def predict_warp(segmenter: DSNetSegmenter, rgb: wp.array, depth: wp.array | None = None) -> wp.array:
+def predict_warp(segmenter: DSNetSegmenter, rgb: wp.array, geometry: wp.array | None = None) -> wp.array:
     """`DSNetSegmenter.predict` by torch on Warp's arrays, in Warp's stream: no synchronisation on CUDA.
 
     Args:
         segmenter: on the arrays' device.
         rgb: uint8 (H, W, 3).
-        depth: metres, float32 (H, W), 0 = no measurement; for RGB-D networks.
+        geometry: float32 (H, W, 4) of `kernels.geometry`, read by RGB-D networks only. None: colour alone.
 
     Returns:
         float32 (h, w, classes); the memory is torch's, and the array keeps it alive.
     """
-    width, height = segmenter.info.size
+    width, height = fitting_size(segmenter.info.size, rgb.shape[1], rgb.shape[0])
     with _on_stream_of(rgb):
         image = wp.to_torch(rgb)
         if image.shape[:2] != (height, width):
             image = _resize(image, height, width)
-        metres = None if depth is None else wp.to_torch(depth)
-        if metres is not None and metres.shape != (height, width):
-            metres = F.interpolate(metres[None, None], size=(height, width), mode="nearest-exact")[0, 0]
-        return wp.from_torch(segmenter.torch_engine.softmax(image, metres))
+        seen = _geometry(geometry, height, width, image.device) if segmenter.wants_geometry else None
+        return wp.from_torch(segmenter.torch_engine.softmax(image, seen))
+
+
+def _geometry(given: wp.array | None, height: int, width: int, device: torch.device) -> torch.Tensor:
+    """At the network's size by the nearest pixel; 0 where there is none."""
+    if given is None:
+        return torch.zeros((height, width, GEOMETRY_CHANNELS), device=device)
+    seen = wp.to_torch(given)
+    if seen.shape[:2] == (height, width):
+        return seen
+    planes = seen.permute(2, 0, 1)[None]
+    return F.interpolate(planes, size=(height, width), mode="nearest-exact")[0].permute(1, 2, 0)
 
 
 def _resize(image: torch.Tensor, height: int, width: int) -> torch.Tensor:

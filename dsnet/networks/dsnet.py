@@ -6,6 +6,7 @@ from torch import Tensor, nn
 from torch.nn.utils.fusion import fuse_conv_bn_eval
 
 from dsmap.dsnet.config import DSNetConfig
+from dsmap.dsnet.networks.efficientnet_lite import FrozenConv
 
 
 def to_input(images: Tensor | np.ndarray, geometry: Tensor | np.ndarray | None = None) -> Tensor:
@@ -126,4 +127,6 @@ def fold_batch_norms(model: nn.Module) -> nn.Module:
         transposed = isinstance(block[0], nn.ConvTranspose2d)
         block[0] = fuse_conv_bn_eval(block[0], block[1], transpose=transposed)  # type: ignore[arg-type]
         block[1] = nn.Identity()
+    for conv in [m for m in model.modules() if isinstance(m, FrozenConv)]:
+        conv.fold()
     return model

@@ -51,13 +51,21 @@ class FrozenConv(nn.Module):
         self.kernel, self.stride, self.groups, self.relu = kernel, stride, groups, relu
         self.weight = nn.Parameter(torch.empty(outputs, inputs // groups, kernel, kernel))
         nn.init.kaiming_normal_(self.weight, mode="fan_out")
+        self.register_parameter("bias", None)  # see `fold`
         self.scale = nn.Parameter(torch.ones(outputs))
         self.shift = nn.Parameter(torch.zeros(outputs))
         self.register_buffer("mean", torch.zeros(outputs))
         self.register_buffer("var", torch.ones(outputs))
 
+    def fold(self) -> None:
+        """Keep the one convolution's weight and bias from now on (inference only)."""
+        weight, bias = self.folded()
+        self.weight, self.bias = nn.Parameter(weight.detach()), nn.Parameter(bias.detach())
+
     def folded(self) -> tuple[Tensor, Tensor]:
         """Weight and bias of the one convolution."""
+        if self.bias is not None:
+            return self.weight, self.bias
         gain = self.scale * torch.rsqrt(self.var + _EPSILON)
         return self.weight * gain[:, None, None, None], self.shift - self.mean * gain
 

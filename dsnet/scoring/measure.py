@@ -11,8 +11,8 @@ from scipy.special import logsumexp
 
 from dsmap.classes import VOID
 from dsmap.dsnet.data import LabelledImages
+from dsmap.dsnet.datasets.base import Example
 from dsmap.dsnet.inference.predict import DSNetSegmenter
-from dsmap.frame import Frame
 from dsmap.metrics import ConfusionMatrix, Reliability, class_probabilities
 from dsmap.sequences.images import resize_nearest
 
@@ -81,23 +81,23 @@ class ImageScore:
 
 
 class Watch:
-    """A segmenter that passes answers on and notes how good they are, where a frame has labels."""
+    """A network's `predict` that passes answers on and notes how good they are."""
 
-    def __init__(self, segmenter: Callable[[Frame], np.ndarray]):
-        self.segmenter = segmenter
+    def __init__(self, predict: Callable[[np.ndarray, np.ndarray | None], np.ndarray]):
+        self.predict = predict
         self.images: list[ImageScore] = []
         self.reliability = Reliability()
 
-    def __call__(self, frame: Frame) -> np.ndarray:
-        probabilities = self.segmenter(frame)
-        if frame.label is not None:
-            full = class_probabilities(enlarge(probabilities, frame.label))
-            confusion = ConfusionMatrix()
-            confusion.add(frame.label, full.argmax(axis=2) + 1)
-            self.reliability.add(frame.label, full)
-            if confusion.total:
-                scores = confusion.scores()
-                self.images.append(ImageScore(frame.index, scores["class_avg"], scores["pixel_acc"]))
+    def __call__(self, index: int, example: Example) -> np.ndarray:
+        """Probabilities of one image, the `index`-th of its set."""
+        probabilities = self.predict(example.rgb, example.geometry)
+        full = class_probabilities(enlarge(probabilities, example.label))
+        confusion = ConfusionMatrix()
+        confusion.add(example.label, full.argmax(axis=2) + 1)
+        self.reliability.add(example.label, full)
+        if confusion.total:
+            scores = confusion.scores()
+            self.images.append(ImageScore(index, scores["class_avg"], scores["pixel_acc"]))
         return probabilities
 
     def ranked(self) -> list[ImageScore]:

@@ -19,6 +19,7 @@ def model_card(info: WeightsInfo, name: str, licence: str | None = None) -> str:
         f"- Network: {info.config}",
         f"- Input: {info.size[0]}x{info.size[1]}; classes: {', '.join(info.class_names[1:])}",
         f"- Temperature: {info.temperature:.3f}",
+        *_prior(info),
         f"- Licence: {licence or notes.get('licence') or 'nothing stated'}",
         "",
         "## Training",
@@ -32,10 +33,23 @@ def model_card(info: WeightsInfo, name: str, licence: str | None = None) -> str:
     figures = {"class_avg": "class average", "miou": "mIoU", "pixel_acc": "pixel accuracy", "ece": "ECE"}
     shown = [f"{text} {100 * validation[key]:.1f} %" for key, text in figures.items() if key in validation]
     lines += [f"On `{notes.get('val', 'unknown')}`, step {validation.get('step')}: {', '.join(shown)}.", ""]
-    lines += ["| class | recall [%] | IoU [%] |", "|---|---|---|"]
+    lines += ["| class | share of the training pixels [%] | recall [%] | IoU [%] |", "|---|---|---|---|"]
+    shares = dict(zip(info.class_names, info.shares, strict=False))
     for label, values in validation.get("per_class", {}).items():
-        lines.append(f"| {label} | {100 * values['recall']:.1f} | {100 * values['iou']:.1f} |")
+        share = f"{100 * shares[label]:.1f}" if label in shares else "unknown"
+        lines.append(f"| {label} | {share} | {100 * values['recall']:.1f} | {100 * values['iou']:.1f} |")
+    if notes.get("priors"):
+        lines += ["", "At other class priors (`--prior`; the temperature is the same):", ""]
+        lines += [f"| prior | {' | '.join(figures.values())} |", "|---|" + "---|" * len(figures)]
+        for prior, found in notes["priors"].items():
+            lines.append(f"| {prior} | {' | '.join(f'{100 * found[key]:.1f}' for key in figures)} |")
     return "\n".join([*lines, ""])
+
+
+def _prior(info: WeightsInfo) -> list[str]:
+    if not info.shares:
+        return []
+    return [f"- Class prior: {info.prior:g} (0: as frequent as in the training data, 1: all classes alike)"]
 
 
 def _stage(number: int, stage: dict) -> list[str]:

@@ -125,7 +125,9 @@ def load_checkpoint(path: Path, state: State, run: dict) -> None:
     """
     tensors, header = load_tensors(path, TRAINING_FORMAT)
     for part, expected in run.items():
-        stored = header["run"].get(part)
+        if part not in header["run"]:  # newer than the file
+            continue
+        stored = header["run"][part]
         if part in _DEFAULTS and isinstance(stored, dict):  # settings that are newer than the file
             fields = _DEFAULTS[part].__dataclass_fields__
             stored = {k: fields[k].default for k in expected if k in fields} | stored

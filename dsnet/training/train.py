@@ -4,7 +4,6 @@ So a run that was killed and resumed ends with the same weights as one that was 
 thread count), and a checkpoint needs no state of random generators.
 """
 
-import copy
 import json
 import math
 import os
@@ -17,29 +16,22 @@ import numpy as np
 import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
-from torch.optim.swa_utils import update_bn
 from torch.utils.data import DataLoader
 from tqdm import tqdm
 
-from dsmap.dsnet.checkpoint import WeightsInfo, load_weights, record_of, save_weights
+from dsmap.dsnet.checkpoint import load_weights, record_of
 from dsmap.dsnet.config import AugmentConfig, NetConfig, TrainConfig
 from dsmap.dsnet.data import LabelledImages, class_weights, drawn_shares
 from dsmap.dsnet.datasets.registry import open_set, open_sets
-from dsmap.dsnet.inference.predict import DSNetSegmenter
 from dsmap.dsnet.networks.dsnet import to_input
-from dsmap.dsnet.scoring.measure import fit_temperature, score
 from dsmap.dsnet.training.distil import Teacher, soft_loss
 from dsmap.dsnet.training.log import Log
 from dsmap.dsnet.training.memory import keep_memory
-from dsmap.dsnet.training.model_card import model_card
 from dsmap.dsnet.training.processes import Ranks, joined
 from dsmap.dsnet.training.sample_stream import AugmentedStream
 from dsmap.dsnet.training.state import State, load_checkpoint, new_state, save_checkpoint
+from dsmap.dsnet.training.validate import averaged_model, finish, validate, weights_info
 from dsmap.errors import InputError
-from dsmap.files import atomic_path
-
-BN_IMAGES = 256
-"""Training images that the batch norms of averaged weights are measured on."""
 
 
 def train(
@@ -80,25 +72,23 @@ def train(
     """
     keep_memory()
     with joined(device) as ranks:
-        seen = net.channels > 3 or teacher is not None
-        images, held_back = read_data(data, val, seen, progress and ranks.first)
+        with_geometry = net.channels > 3 or teacher is not None
+        images, held_back = read_data(data, val, with_geometry, progress and ranks.first)
         net = replace(net, classes=len(images.class_names))
-        run = run_record(net, augmentation, config, images)
+        run = run_record(net, augmentation, config, images, teacher)
         state = start(out, net, config, run, init, resume, ranks)
-        stream = AugmentedStream(images, augmentation, config, with_geometry=seen)
+        stream = AugmentedStream(images, augmentation, config, with_geometry)
         weights = class_weights(images, config.balance, config.shares, config.balance_power)
         master = None
         if teacher is not None:
             trained = drawn_shares(images, config.shares) * weights
             master = Teacher(teacher, images.class_names, trained, ranks.device)
         loop(state, stream, held_back, weights, Job(out, run, ranks, workers, progress, log, master))
+        if not ranks.first:
+            return ranks.of_first(None)
         about = {"data": [str(path) for path in data], "val": str(val), "stages": earlier_stages(init)}
-        about |= {"seconds": round(state.seconds, 1), "device": device, "processes": ranks.world}
-        about["images_per_second"] = round(state.step * config.batch / max(state.seconds, 1e-9), 2)
-        record = (
-            finish(out, held_back, {**run, **about, **(notes or {})}, ranks.device) if ranks.first else None
-        )
-        return ranks.of_first(record)
+        about |= pace(state, config, ranks)
+        return ranks.of_first(finish(out, held_back, {**run, **about, **(notes or {})}, ranks.device))
 
 
 @dataclass(frozen=True)
@@ -116,7 +106,11 @@ class Job:
 
 
 def run_record(
-    net: NetConfig, augmentation: AugmentConfig, config: TrainConfig, images: LabelledImages
+    net: NetConfig,
+    augmentation: AugmentConfig,
+    config: TrainConfig,
+    images: LabelledImages,
+    teacher: Path | str | None = None,
 ) -> dict:
     """What must be the same for a run to go on, in its JSON form."""
     run = {
@@ -125,6 +119,8 @@ def run_record(
         "train": asdict(config),
         "images": len(images),
     }
+    if teacher is not None:
+        run["teacher"] = str(teacher)
     return json.loads(json.dumps(run))  # tuples become lists, as they come back from a file
 
 
@@ -212,6 +208,16 @@ def read_data(
     return images, held_back
 
 
+def pace(state: State, config: TrainConfig, ranks: Ranks) -> dict:
+    """How long the training took, and on what."""
+    return {
+        "seconds": round(state.seconds, 1),
+        "device": str(ranks.device),
+        "processes": ranks.world,
+        "images_per_second": round(state.step * config.batch / max(state.seconds, 1e-9), 2),
+    }
+
+
 def learning_rate(step: int, config: TrainConfig) -> float:
     """Linear warm-up, then half a cosine to zero at the last step."""
     if step < config.warmup:
@@ -268,80 +274,3 @@ def weighted_cross_entropy(logits: Tensor, labels: Tensor, weights: Tensor, smoo
     seen = weights > 0
     spread = -F.log_softmax(logits, dim=1)[:, seen].mean(dim=1)
     return (1 - smoothing) * total + smoothing * (weights[labels] * spread).sum()
-
-
-def averaged_model(state: State, stream: AugmentedStream) -> nn.Module:
-    """The averaged weights, in eval mode, with batch norms measured anew for them.
-
-    An average of the statistics of past steps fits no weights: while the rate is high, it costs half the
-    class average. The first samples of the stream serve at every validation.
-    """
-    model = copy.deepcopy(state.ema.module)
-    device = next(model.parameters()).device
-    count = min(BN_IMAGES, len(stream))
-    batches = [range(k, min(k + stream.config.batch, count)) for k in range(0, count, stream.config.batch)]
-    torch.manual_seed(stream.config.seed)  # of dropout
-    with torch.no_grad():
-        samples = (zip(*[stream[k] for k in batch], strict=True) for batch in batches)
-        stacked = ([np.stack(part) for part in sample] for sample in samples)
-        reads_geometry = model.config.channels > 3  # type: ignore[union-attr]
-        update_bn((to_input(rgb, *more[:reads_geometry]).to(device) for rgb, _, *more in stacked), model)
-    return model.eval()
-
-
-def weights_info(net: NetConfig, stream: AugmentedStream, weights: Tensor) -> WeightsInfo:
-    """What the weights of this training will say of themselves: size, classes and their prior."""
-    config, images = stream.config, stream.images
-    shares = drawn_shares(images, config.shares)
-    return WeightsInfo(
-        net,
-        config.working_size or config.size,
-        class_names=images.class_names,
-        prior=config.prior,
-        shares=tuple(map(float, shares)),
-        balance=tuple(map(float, weights.cpu())),
-    )
-
-
-def validate(
-    state: State,
-    model: nn.Module,
-    info: WeightsInfo,
-    data: LabelledImages,
-    out: Path,
-    loss: float,
-    events: Log,
-) -> None:
-    """Score the averaged weights, keep them if they are the best so far, and note the figures."""
-    segmenter = DSNetSegmenter(copy.deepcopy(model), info, str(next(model.parameters()).device))
-    scores = score(segmenter, data)
-    record = {"step": state.step, "loss": loss, "seconds": round(state.seconds, 1), **scores}
-    state.history.append(record)
-    events.validation(record, segmenter, data)
-    if scores["miou"] > state.best:
-        state.best = scores["miou"]
-        info.notes = {"validation": record}
-        save_weights(out / "best.safetensors", model, info)
-    with atomic_path(out / "history.json") as temporary:
-        temporary.write_text(json.dumps(state.history, indent=1))
-
-
-def finish(out: Path, data: LabelledImages, run: dict, device: str) -> dict:
-    """Calibrate the best weights and write them back with what they are made of."""
-    path = out / "best.safetensors"
-    model, info = load_weights(path, data.class_names)
-    info.temperature = 1.0
-    segmenter = DSNetSegmenter(copy.deepcopy(model), info, device)  # folded: a copy
-    info.temperature = fit_temperature(segmenter, data)
-    scores = score(segmenter, data, calibration=True)
-    ends = {}
-    for prior in (0.0, info.prior, 1.0) if info.shares else ():
-        segmenter.info.prior, kept = prior, info.prior
-        found = score(segmenter, data, calibration=True)
-        ends[f"{prior:g}"] = {name: found[name] for name in ("class_avg", "pixel_acc", "miou", "ece")}
-        segmenter.info.prior = kept
-    info.notes = {**run, "validation": {**info.notes["validation"], **scores}, "priors": ends}
-    save_weights(path, model, info)
-    with atomic_path(out / "model-card.md") as temporary:
-        temporary.write_text(model_card(info, out.name))
-    return {**info.notes["validation"], "temperature": info.temperature}

@@ -10,7 +10,7 @@ import warp as wp
 
 from dsmap.classes import NUM_CLASSES, VOID
 from dsmap.errors import InputError
-from dsmap.frame import Frame, Intrinsics
+from dsmap.frame import Intrinsics
 from dsmap.fusion.labels.segment import segment_later
 from dsmap.fusion.runs.read_run import Run, evenly_spread
 from dsmap.fusion.segmenter import Segmenter
@@ -116,17 +116,17 @@ def evaluate_semantics(
     return tree | {"coverage": covered / total if total else None, "frames": frames}
 
 
-def evaluate_network(
-    segmenter: Segmenter, frames: Iterable[tuple[Frame, np.ndarray]]
-) -> tuple[dict[str, Any], int]:
-    """Scores of a segmenter alone on frames with labels (H, W), at the labels' size.
+def evaluate_network(answers: Iterable[tuple[np.ndarray | None, np.ndarray]]) -> tuple[dict[str, Any], int]:
+    """Scores of a network alone, at the labels' size.
+
+    Args:
+        answers: probabilities of a frame, shape (h, w, 14), or None, and its labels, shape (H, W).
 
     Returns:
         The tree of `Score.tree`, and the number of frames scored.
     """
     score, count = Score(), 0
-    for frame, truth in frames:
-        p = segmenter(frame)
+    for p, truth in answers:
         if p is None:
             continue
         _add(score, truth, *_answer(resize_probabilities(p, truth.shape[1], truth.shape[0])))

@@ -11,7 +11,7 @@ from dsmap.dsnet.config import AugmentConfig, TrainConfig
 from dsmap.dsnet.data import LabelledImages, class_weights
 from dsmap.dsnet.datasets.base import Example
 from dsmap.dsnet.datasets.registry import open_set, open_sets
-from dsmap.dsnet.training.augment import augment, jitter_colour, random_affine, warp_image
+from dsmap.dsnet.training.augment import augment, degrade_geometry, jitter_colour, random_affine, warp_image
 from dsmap.dsnet.training.sample_stream import AugmentedStream
 from dsmap.errors import InputError
 from dsmap.frame import Intrinsics
@@ -51,7 +51,7 @@ def test_folder_of_images_and_labels(tmp_path):
     assert len(data) == 2
     example = data[1]
     assert example.rgb.shape == (24, 32, 3) and (example.rgb == 10).all() and (example.label == 2).all()
-    assert example.depth is None and not data.with_depth
+    assert example.geometry is None and not data.with_geometry
 
 
 def test_frames_of_a_recording_without_labels_are_left_out(tmp_path):
@@ -59,10 +59,13 @@ def test_frames_of_a_recording_without_labels_are_left_out(tmp_path):
     assert [int(data[i].label.max()) for i in range(len(data))] == [1, 3]
 
 
-def test_depth_is_read_if_wanted(tmp_path):
+def test_geometry_is_made_if_wanted(tmp_path):
     data = open_set(recording(tmp_path / "seq"))
-    assert LabelledImages(data, progress=False)[0].depth is None
-    assert (LabelledImages(data, with_depth=True, progress=False)[0].depth == 1).all()
+    assert LabelledImages(data, progress=False)[0].geometry is None
+    geometry = LabelledImages(data, with_geometry=True, progress=False)[0].geometry
+    assert geometry.shape == (24, 32, 4) and geometry.dtype == np.float16
+    inner = geometry[4:-4, 4:-4]
+    assert (inner[..., 3] == 1).all() and np.ptp(inner[..., 0]) < 0.01  # a plane in front of the camera
 
 
 def test_folder_of_folders_in_a_fixed_order(tmp_path):
@@ -157,18 +160,53 @@ def test_augmentation_keeps_image_and_label_aligned(seed):
     assert len(np.unique(labels)) > 3
 
 
-def test_depth_is_cropped_with_the_image_and_comes_nearer_by_the_zoom():
+KEPT = {"drop_geometry": 0.0, "holes": 0.0, "geometry_noise": 0.0}
+
+
+def columns(height=48, width=64):
+    """An example whose colour and whose inverse depth both tell the column."""
+    x = np.broadcast_to(np.arange(1, width + 1, dtype=np.float32), (height, width))
+    geometry = np.stack([x / 32, 0 * x, 0 * x, 1 + 0 * x], axis=2).astype(np.float16)
+    rgb = np.repeat(x[..., None].astype(np.uint8) * 3, 3, axis=2)
+    return Example(rgb, np.ones((height, width), np.uint8), geometry)
+
+
+def test_geometry_is_cropped_with_the_image_and_keeps_its_values():
     rng = np.random.default_rng(0)
-    columns = np.broadcast_to(np.arange(1, 65, dtype=np.float32), (48, 64))  # depth = column + 1
-    rgb = np.repeat(columns[..., None].astype(np.uint8) * 3, 3, axis=2)
-    example = Example(rgb, np.ones((48, 64), np.uint8), columns)
-    config = replace(NOTHING, scale=(2.0, 2.0), flip=1.0)
-    view = augment(example, (64, 48), config, rng)
-    assert view.depth.shape == (48, 64) and view.label.shape == (24, 32)
+    view = augment(columns(), (64, 48), replace(NOTHING, scale=(2.0, 2.0), flip=1.0, **KEPT), rng)
+    assert view.geometry.shape == (48, 64, 4) and view.geometry.dtype == np.float16
     shown = view.rgb[..., 0].astype(float) / 3  # the column that colour says
-    assert np.abs(2 * view.depth - shown).max() <= 1.1 and np.ptp(shown) > 25
-    outside = augment(example, (64, 48), replace(NOTHING, scale=(0.5, 0.5)), rng)
-    assert (outside.depth == 0).mean() > 0.7 and outside.depth.max() > 100
+    assert np.abs(32 * view.geometry[..., 0] - shown).max() <= 1.1 and 25 < np.ptp(shown) < 40
+    outside = augment(columns(), (64, 48), replace(NOTHING, scale=(0.5, 0.5), **KEPT), rng)
+    assert (outside.geometry[..., 3] == 0).mean() > 0.7 and outside.geometry[..., 3].max() == 1
+
+
+def test_geometry_that_is_dropped_is_zero_everywhere():
+    rng = np.random.default_rng(0)
+    view = augment(columns(), (64, 48), replace(NOTHING, **KEPT | {"drop_geometry": 1.0}), rng)
+    assert view.geometry.shape == (48, 64, 4) and not view.geometry.any() and view.rgb.any()
+
+
+def test_holes_stay_holes_and_new_ones_are_empty_in_all_channels():
+    given = columns().geometry.astype(np.float32)
+    given[10:20, 10:30] = 0
+    config, left = AugmentConfig(drop_geometry=0.0, holes=1.0, geometry_noise=1.0), []
+    for seed in range(20):
+        got = degrade_geometry(given.copy(), config, np.random.default_rng(seed))
+        there = got[..., 3] > 0
+        assert not there[10:20, 10:30].any() and there.sum() <= (given[..., 3] > 0).sum()
+        assert not got[~there].any() and set(np.unique(got[..., 3])) <= {0, 1}
+        assert there.sum() < 10 or np.abs(got[there] - given[there]).max() > 0.01  # noise
+        left.append(there.mean())
+    assert np.ptp(left) > 0.3 and np.mean(left) > 0.2  # some lose little, some much
+
+
+def test_a_stream_without_depth_has_empty_geometry(tmp_path):
+    data = LabelledImages(open_set(folder_of_images(tmp_path / "set")), with_geometry=True, progress=False)
+    stream = AugmentedStream(data, NOTHING, TrainConfig(size=(64, 32)), with_geometry=True)
+    rgb, label, geometry = stream[0]
+    assert rgb.shape == (32, 64, 3) and label.shape == (16, 32)
+    assert geometry.shape == (32, 64, 4) and geometry.dtype == np.float16 and not geometry.any()
 
 
 def test_zoom_stays_inside_and_flip_mirrors():

@@ -30,6 +30,11 @@ def ids(path, values):
     cv2.imwrite(str(path), values)
 
 
+def inverse_depth(example):
+    """In the middle of the image [1/m], out of the channel's own units (see `kernels.geometry`)."""
+    return float(example.geometry[2, 4, 0]) * 0.25 + 0.45
+
+
 def refused(spec, message):
     with pytest.raises(InputError, match=message):
         for item in open_set(spec).items:
@@ -64,10 +69,11 @@ def test_nyuv2_official_file(nyuv2):
     assert len(data.items) == 3 and data.has_depth
     example = data.items[1].read()  # image 3
     assert example.rgb.shape == (*SIZE, 3) and example.rgb[0, 0].tolist() == [20, 21, 20]
-    assert example.label.dtype == np.uint8 and example.depth.dtype == np.float32
+    assert example.label.dtype == np.uint8 and example.geometry.dtype == np.float16
     assert (example.label[:, :4] == 4).all() and (example.label[:, 4:] == 12).all()  # chair, wall
-    assert (example.depth == 3).all()
-    assert data.items[0].read().depth[1, 0] == 0  # not a number: no measurement
+    assert inverse_depth(example) == pytest.approx(1 / 3, abs=2e-3)
+    assert not data.items[0].read().geometry[1, 0].any()  # not a number: no measurement
+    assert example.geometry[3, 4, 3] == 1 and data.items[1].read(with_geometry=False).geometry is None
     assert data.items[0].read().label[0, 7] == 0
     test = open_set(f"{nyuv2 / 'nyu_depth_v2_labeled.mat'}@test")
     assert [int(item.read().rgb[0, 0, 0]) for item in test.items] == [10, 40]
@@ -156,10 +162,18 @@ def test_scannet_in_both_ways(tmp_path):
     table = tmp_path / "scannetv2-labels.combined.tsv"
     table.write_text("id\traw_category\tnyu40id\n2\tchair\t5\n1163\tobject\t40\n")
     data = open_set(tmp_path)
-    assert data.has_depth and [item.rgb.stem for item in data.items] == ["2", "10", "000000"]
+    assert [item.rgb.stem for item in data.items] == ["2", "10", "000000"]
+    assert not data.has_depth and data.items[0].read().geometry is None  # of which camera is not said
+    for scene in (raw / "intrinsic", ready):
+        scene.mkdir(exist_ok=True)
+        name = "intrinsic_depth.txt" if scene.name == "intrinsic" else "intrinsics_depth.txt"
+        np.savetxt(scene / name, np.diag([577.0, 578.0, 1.0, 1.0]) + 300 * np.eye(4, k=2)[:, :4])
+    data = open_set(tmp_path)
+    assert data.has_depth
     example = data.items[0].read()
     assert example.rgb.shape == (*SIZE, 3) and (example.label == 7).all()
-    np.testing.assert_allclose(example.depth, 1.5, rtol=1e-6)
+    assert inverse_depth(example) == pytest.approx(1 / 1.5, abs=2e-3)
+    assert example.geometry.shape == (*SIZE, 4)
     assert (data.items[2].read().label == 6).all()
     (tmp_path / "scannetv2_val.txt").write_text("scene0001_00\n")
     assert len(open_set(f"{tmp_path}@val").items) == 1
@@ -216,7 +230,7 @@ def test_rendered_sets_have_depth_and_named_splits(tmp_path):
             writer.write(0.0, np.zeros((*SIZE, 3), np.uint8), depth, label=np.ones(SIZE, np.uint8))
     data = open_set(f"{tmp_path}@val")
     assert data.has_depth and len(data.items) == 1
-    np.testing.assert_allclose(data.items[0].read().depth, 1.5)
+    assert inverse_depth(data.items[0].read()) == pytest.approx(1 / 1.5, abs=2e-3)
     refused(f"{tmp_path / 'train'}@test", "no sub-folder 'test'")
 
 

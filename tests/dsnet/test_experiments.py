@@ -181,7 +181,7 @@ def test_weights_stand_beside_table_4(tmp_path, nyu, capsys):
     out = tmp_path / "out"
     assert cli.run("experiment", ["nyuv2", "--data", f"{nyu}@val", "--out", str(out)]) == 0
     printed = capsys.readouterr().out
-    assert "| the paper | 37.8 | 45.2 |" in printed and "| shipped, single RGB frames | " in printed
+    assert "| the paper | 37.8 | 45.2 |" in printed and "| shipped, single frames | " in printed
     assert json.loads((out / "results.json").read_text())["images"] == 3
     for row in LITERATURE.values():
         assert len(row) == len(TABLE4_ORDER) + 1

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from dsmap.dsnet.config import GEOMETRY_CHANNELS
 from dsmap.errors import InputError
 
 
@@ -12,9 +13,9 @@ from dsmap.errors import InputError
 class Args:
     """What to time."""
 
-    weights: Path | None = None
-    """Weights of an RGB DS-Net (safetensors); default: those that come with dsmap."""
-    size: tuple[int, int] = (448, 448)
+    weights: str = "dsnet-p"
+    """Weights of a DS-Net or dsnet-p: a file, or the name of some that ship. Beside others, dsnet is timed, too."""
+    size: tuple[int, int] = (320, 256)
     """Width and height of the images [px], multiples of 32."""
     data: Path | None = None
     """Labelled images to compare answers on, PATH or PATH@SPLIT; default: drawn patterns."""
@@ -35,15 +36,16 @@ def main(args: Args) -> None:
 
     if min(args.images, args.rounds, args.repeats) < 1 or any(s < 32 or s % 32 for s in args.size):
         raise InputError("expected --images, --rounds and --repeats of at least 1, --size of multiples of 32")
-    model, info = load_weights(args.weights or "dsnet", None)
-    if info.config.channels != 3:
-        raise InputError(f"{args.weights}: a network of RGB-D, expected one of RGB")
-    pictures = _patterns(args) if args.data is None else _of_data(args)
+    model, info = load_weights(args.weights, None)
+    samples = _patterns(args) if args.data is None else _of_data(args)
+    if info.config.channels == 3:
+        samples = [sample[:1] for sample in samples]
+    rival = load_weights("dsnet") if args.weights != "dsnet" else None
     print(
-        f"{args.weights or 'shipped weights'}, batch of one at {args.size[0]}x{args.size[1]}, "
-        f"{torch.get_num_threads()} threads, {len(pictures)} images compared, {args.rounds} rounds"
+        f"{args.weights}, batch of one at {args.size[0]}x{args.size[1]}, "
+        f"{torch.get_num_threads()} threads, {len(samples)} images compared, {args.rounds} rounds"
     )
-    print(table(race(model, info, pictures, rounds=args.rounds, repeats=args.repeats)))
+    print(table(race(model, info, samples, rounds=args.rounds, repeats=args.repeats, rival=rival)))
 
 
 def table(results: list) -> str:
@@ -55,6 +57,9 @@ def table(results: list) -> str:
     for r in results:
         if r.error:
             lines.append(f"{r.name:<{width}}  not run: {r.error}")
+            continue
+        if not r.compared:
+            lines.append(f"{r.name:<{width}}  {r.median:6.1f}  {speed[r.name]:5.2f}")
             continue
         note = "" if r.equal else "  too far off"
         lines.append(
@@ -68,28 +73,43 @@ def table(results: list) -> str:
     lines.append(
         f"{results[0].chance:.2%} of the pixels hang on rounding (ties of max-pooling) and decide nothing"
     )
+    for r in results:
+        if not (r.compared or r.error):
+            ratio = float(np.median(np.array(best.milliseconds) / r.milliseconds))
+            lines.append(f"{best.name} takes {ratio:.2f} times as long as {r.name}")
     return "\n".join(lines)
 
 
-def _of_data(args: Args) -> list[np.ndarray]:
+def _of_data(args: Args) -> list[tuple[np.ndarray, ...]]:
     from dsmap.dsnet.datasets.registry import open_set
-    from dsmap.sequences.images import resize_colour
+    from dsmap.sequences.images import resize_colour, resize_nearest
 
     items = open_set(args.data or "").items
-    chosen = np.unique(np.linspace(0, len(items) - 1, args.images).astype(int))
-    return [np.ascontiguousarray(resize_colour(items[i].read().rgb, *args.size)) for i in chosen]
+    samples = []
+    for i in np.unique(np.linspace(0, len(items) - 1, args.images).astype(int)):
+        example = items[i].read()
+        rgb = np.ascontiguousarray(resize_colour(example.rgb, *args.size))
+        geometry = np.zeros((*rgb.shape[:2], GEOMETRY_CHANNELS), np.float32)
+        if example.geometry is not None:
+            geometry[:] = resize_nearest(example.geometry, *args.size)
+        samples.append((rgb[None], geometry[None]))
+    return samples
 
 
-def _patterns(args: Args) -> list[np.ndarray]:
+def _patterns(args: Args) -> list[tuple[np.ndarray, ...]]:
     """Noise of many scales: something everywhere, flat nowhere."""
     import cv2
 
     rng = np.random.default_rng(0)
-    pictures = []
+    samples = []
     for _ in range(args.images):
-        total = np.zeros((args.size[1], args.size[0], 3), np.float32)
+        total = np.zeros((args.size[1], args.size[0], 3 + GEOMETRY_CHANNELS), np.float32)
         for cells in (4, 16, 64, 256):
-            noise = rng.normal(size=(cells, cells, 3)).astype(np.float32)
+            noise = rng.normal(size=(cells, cells, total.shape[2])).astype(np.float32)
             total += cv2.resize(noise, args.size, interpolation=cv2.INTER_CUBIC) * 60 / cells**0.25
-        pictures.append(np.clip(total + 127.5, 0, 255).astype(np.uint8))
-    return pictures
+        rgb = np.clip(total[..., :3] + 127.5, 0, 255).astype(np.uint8)
+        geometry = total[..., 3:] / 60
+        geometry[..., 3] = geometry[..., 3] > -0.5
+        geometry *= geometry[..., 3:]
+        samples.append((rgb[None], np.ascontiguousarray(geometry[None])))
+    return samples

@@ -13,10 +13,12 @@ import tyro
 from tqdm import tqdm
 
 from dsmap.classes import CLASS_NAMES
+from dsmap.dsnet.datasets.base import Example
+from dsmap.dsnet.datasets.folders import is_rendered
+from dsmap.dsnet.datasets.geometry import DepthView
 from dsmap.dsnet.datasets.registry import open_set
 from dsmap.errors import InputError
 from dsmap.files import atomic_path
-from dsmap.frame import Frame
 from dsmap.fusion.evaluate.run import MAX_FRAMES, evaluate_run
 from dsmap.fusion.evaluate.semantics import evaluate_network
 from dsmap.fusion.runs.read_run import Run, load_run
@@ -38,6 +40,10 @@ class Args:
     """Score a network alone: a labelled recording, or PATH or PATH@SPLIT of a data set as `dsmap train` takes them."""
     weights: str | None = None
     """Weights of the network; default: the run's, or those that come with dsmap."""
+    prior: float | None = None
+    """Class prior of the network's answers (see `dsmap map`); default: as the run did, or as the weights say."""
+    colour_only: bool = False
+    """With --data: show the network no geometry, what it makes of photographs without depth."""
     max_frames: int = MAX_FRAMES
     """Labelled frames that a run's semantics are scored on, evenly spread; 0: all."""
     engine: Literal["auto", "torch", "onnx"] | None = None
@@ -61,11 +67,11 @@ def main(args: Args) -> None:
         print(run_tables(metrics))
         out = args.out or args.run / "metrics.json"
     elif args.data is not None and args.run is None:
-        metrics, watch, segmenter = score_network(args.data, args.weights, args.engine or "auto")
+        metrics, watch, images = score_network(args.data, args)
         print(network_table(metrics))
         out = args.out
         if out is not None and out.suffix != ".json":
-            draw_network(out, args.data, watch, segmenter)
+            draw_network(out, args.data.name, watch, images)
             out = out / "metrics.json"
     else:
         raise InputError("expected either a RUN folder, or --data with images and labels")
@@ -88,12 +94,12 @@ def score_run(folder: Path, args: Args) -> dict[str, Any]:
         depth_scale=args.depth_scale,
         undistort=bool(settings.get("undistort", False)),
     )
-    segmenter = segmenter_of(run, args.weights, args.engine) if reference.has_labels else None
+    segmenter = segmenter_of(run, args) if reference.has_labels else None
     return evaluate_run(run, reference, segmenter, args.max_frames, args.sfm)
 
 
-def segmenter_of(run: Run, weights: str | None, engine: str | None = None) -> Segmenter | None:
-    """The segmenter that labelled a run, from its config.yaml; `weights` and `engine` replace the run's.
+def segmenter_of(run: Run, args: Args) -> Segmenter | None:
+    """The segmenter that labelled a run, from its config.yaml; `weights`, `engine` and `prior` replace the run's.
 
     A network that needs a package which is not here, or a factory that is gone, gives None and a line of
     warning: the map's own labels can still be scored.
@@ -101,37 +107,41 @@ def segmenter_of(run: Run, weights: str | None, engine: str | None = None) -> Se
     values: dict[str, Any] = run.settings.get("segmenter") or {"kind": "none"}
     try:
         spec = SegmenterSpec(**values)
-        if weights is not None:
-            spec.weights = weights
-        if engine is not None:
-            spec.engine = engine
+        if spec.kind == "dsnet" and spec.weights is args.weights is None and "prior" not in values:
+            print(
+                "warning: the run was labelled by a network that no longer ships, the one scored is dsnet-p"
+            )
+        given = {key: getattr(args, key) for key in ("weights", "engine", "prior")}
+        spec = dataclasses.replace(spec, **{key: v for key, v in given.items() if v is not None})
         return make_segmenter(spec)
     except (InputError, ModuleNotFoundError, TypeError) as error:
-        if weights is not None:
+        if args.weights is not None:
             raise
         print(f"warning: the run's segmenter cannot be built ({error}); the network is not scored")
         return None
 
 
-def score_network(data: Path, weights: str | None, engine: str) -> tuple[dict[str, Any], Any, Segmenter]:
+def score_network(data: Path, args: Args) -> tuple[dict[str, Any], Any, bool]:
     """Scores of DS-Net alone on labelled images, the `single_frame` tree of a run's metrics.
 
     Returns:
-        The metrics, the `Watch` that noted the score of every image, and the segmenter.
+        The metrics, the `Watch` that noted the score of every image, and whether the network saw geometry.
     """
+    from dsmap.dsnet.inference.predict import load_segmenter
     from dsmap.dsnet.scoring.measure import Watch  # with torch, which scoring a run of geometry does without
 
-    segmenter = make_segmenter(SegmenterSpec("dsnet", weights, engine=engine))
-    if segmenter is None:
-        raise InputError("no network to score")
-    watch = Watch(segmenter)  # type: ignore[arg-type]
-    tree, frames = evaluate_network(watch, labelled_frames(data))
+    segmenter = load_segmenter(args.weights, engine=args.engine or "auto", prior=args.prior)
+    with_geometry = segmenter.wants_geometry and not args.colour_only
+    watch = Watch(segmenter.predict)
+    answers = ((watch(i, example), example.label) for i, example in labelled_images(data, with_geometry))
+    tree, frames = evaluate_network(answers)
     images = [dataclasses.asdict(image) for image in watch.ranked()]
-    metrics = {"single_frame": tree, "frames": frames, "data": str(data), "weights": weights}
-    return metrics | {"images_by_rank": images}, watch, segmenter
+    metrics = {"single_frame": tree, "frames": frames, "data": str(data), "weights": args.weights}
+    metrics |= {"prior": segmenter.info.prior, "geometry": with_geometry}
+    return metrics | {"images_by_rank": images}, watch, with_geometry
 
 
-def draw_network(out: Path, data: Path, watch: Any, segmenter: Segmenter) -> None:
+def draw_network(out: Path, data: Path, watch: Any, with_geometry: bool) -> None:
     """Write reliability.png, and overlays.jpg of the best three, the median four and the worst three images."""
     from dsmap.dsnet.scoring.measure import by_rank, enlarge
     from dsmap.dsnet.scoring.pictures import Overlay, draw_overlays, draw_reliability
@@ -139,49 +149,54 @@ def draw_network(out: Path, data: Path, watch: Any, segmenter: Segmenter) -> Non
     ranked = watch.ranked()
     ranks = {ranked[rank].index: rank for rank in by_rank(len(ranked))}
     overlays = []
-    for frame, label in labelled_frames(data, set(ranks)):
-        p = segmenter(frame)
-        if p is not None:
-            answer = (enlarge(p, label)[..., 1:].argmax(axis=2) + 1).astype(np.uint8)
-            rank = ranks[frame.index]
-            overlays.append(Overlay(frame.rgb, label, answer, ranked[rank], rank))
+    for index, example in labelled_images(data, with_geometry, set(ranks)):
+        p = watch.predict(example.rgb, example.geometry)
+        answer = (enlarge(p, example.label)[..., 1:].argmax(axis=2) + 1).astype(np.uint8)
+        overlays.append(Overlay(example.rgb, example.label, answer, ranked[ranks[index]], ranks[index]))
     overlays.sort(key=lambda overlay: overlay.rank)
     draw_reliability(out / "reliability.png", watch.reliability, f"{data.name}, {len(ranked)} images")
     draw_overlays(out / "overlays.jpg", overlays, len(ranked))
     print(f"pictures: {out / 'reliability.png'} {out / 'overlays.jpg'}")
 
 
-def labelled_frames(data: Path, only: set[int] | None = None) -> Iterator[tuple[Frame, np.ndarray]]:
-    """Frames with labels of a recording, or of any data set of the 13 classes (see `open_set`).
+def labelled_images(
+    data: Path, with_geometry: bool = False, only: set[int] | None = None
+) -> Iterator[tuple[int, Example]]:
+    """Number and content of the labelled frames of a recording, or of any data set of the 13 classes.
 
     Args:
-        only: indices of the frames wanted; None: all.
+        with_geometry: what depth tells as well, where there is any.
+        only: numbers of the images wanted; None: all.
 
     Raises:
         InputError: there are none, they are of other classes, or an image does not fit its label.
     """
     if is_tum(data):
-        sequence = open_sequence(data)
-        if not sequence.has_labels:
-            raise InputError(
-                f"{data}: this recording has no labels; expected label.txt, or folders rgb/ and label/"
-            )
-        for i in tqdm(sequence.labelled(), unit="image", disable=only is not None):
-            if only is not None and i not in only:
-                continue
-            frame = sequence.frame(i)
-            if frame.label is not None:
-                yield frame, frame.label
+        yield from _labelled_frames(data, with_geometry, only)
         return
     images = open_set(data)
     if images.class_names != CLASS_NAMES:
         raise InputError(f"{data}: classes are {', '.join(images.class_names)}, expected the 13 of NYUv2")
     for index, item in enumerate(tqdm(images.items, unit="image", disable=only is not None)):
-        if only is not None and index not in only:
+        if only is None or index in only:
+            yield index, item.read(with_geometry)
+
+
+def _labelled_frames(data: Path, with_geometry: bool, only: set[int] | None) -> Iterator[tuple[int, Example]]:
+    sequence = open_sequence(data)
+    if not sequence.has_labels:
+        raise InputError(
+            f"{data}: this recording has no labels; expected label.txt, or folders rgb/ and label/"
+        )
+    for i in tqdm(sequence.labelled(), unit="image", disable=only is not None):
+        frame = sequence.frame(i) if only is None or i in only else None
+        if frame is None or frame.label is None:
             continue
-        example = item.read()
-        depth = np.zeros(example.label.shape, np.float32) if example.depth is None else example.depth
-        yield Frame(index, float(index), example.rgb, depth, label=example.label), example.label
+        geometry = None
+        if with_geometry:
+            pose = frame.T_world_camera if is_rendered(data) else None
+            geometry = DepthView.of_pose(sequence.intrinsics, pose).geometry(frame.depth, frame.label.shape)
+        yield i, Example(frame.rgb, frame.label, geometry)
 
 
 def finite(tree: Any) -> Any:

@@ -33,7 +33,7 @@ class Args:
     name: Annotated[Name, tyro.conf.Positional]
     """cifar-lk: accuracy over epochs for L in {3, 4, 5} and K in {8, 16, 32} (the paper's Fig. 6, 7).
     cifar-deconvnet: DS-Net's encoder against VGG-16's (Fig. 8).
-    voc-lk: mIoU for L x K and baselines (Table 2).
+    voc-lk: mIoU for L x K and of DeconvNet (Table 2).
     voc-nyu: the recipe, VOC 2012 + SBD and then NYUv2-13.
     nyuv2: per-class accuracy of weights on single frames (Table 4).
     rendered-curve: NYUv2-13 accuracy over the amount of rendered data in pre-training."""

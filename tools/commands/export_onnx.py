@@ -13,8 +13,8 @@ from dsmap.errors import InputError
 class Args:
     """What to export."""
 
-    weights: Annotated[Path, tyro.conf.Positional]
-    """Weights of a DS-Net (safetensors), of any classes."""
+    weights: Annotated[str, tyro.conf.Positional]
+    """Weights of a DS-Net or dsnet-p (safetensors), of any classes, or the name of some that ship."""
     out: Annotated[Path, tyro.conf.Positional]
     """The ONNX file."""
     size: tuple[int, int] | None = None
@@ -36,9 +36,11 @@ def main(args: Args) -> None:
     n = args.batch or "N"
     print(f"written: {args.out} ({args.out.stat().st_size / 1e6:.1f} MB)")
     print(f"  image          uint8   ({n}, {height}, {width}, 3)   RGB")
-    if info.config.channels == 4:
-        print(f"  depth          float32 ({n}, {height}, {width})      metres, 0 = no measurement")
+    if info.config.channels > 3:
+        print(
+            f"  geometry       float32 ({n}, {height}, {width}, 4)   see docs/network.md; zeros: colour alone"
+        )
     classes = len(info.class_names)
     print(
-        f"  probabilities  float32 (N, {height // 2}, {width // 2}, {classes})   class 0 is {info.class_names[0]}"
+        f"  probabilities  float32 ({n}, {height // 2}, {width // 2}, {classes})   class 0 is {info.class_names[0]}"
     )

@@ -75,8 +75,11 @@ class Args:
     segmenter: str = "dsnet"
     """dsnet, labels (the recording's own), none, or module:factory returning a segmenter."""
     weights: str | None = None
-    """Weights of the network: a file, or one that comes with dsmap: dsnet (default), dsnet-l (better, slower),
-    dsnet-photos, dsnet-l-photos (the same for photographs alone)."""
+    """Weights of the network: a file, or one that comes with dsmap: dsnet-p (default; colour and geometry) or dsnet
+    (the paper's, small, colour alone)."""
+    prior: float | None = None
+    """Class prior of the network's answers: 0 as frequent as in its training data (most pixels right), 1 all classes
+    alike (best average over classes); default: as the weights say."""
     engine: Literal["auto", "torch", "onnx"] = "auto"
     """What runs the network: torch, onnx (ONNX Runtime, CPU), or auto: the faster one that is installed."""
     label_noise: float = 0.0

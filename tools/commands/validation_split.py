@@ -69,7 +69,7 @@ def survey(data: Path) -> tuple[list[int], np.ndarray, np.ndarray]:
         raise InputError(f"{data}: names like {stems[0]}, expected numbers")
     features, pixels = [], np.zeros((len(items), NUM_CLASSES))
     for i, item in enumerate(tqdm(items, unit="image")):
-        example = item.read(with_depth=False)
+        example = item.read(with_geometry=False)
         grey = cv2.cvtColor(example.rgb, cv2.COLOR_RGB2GRAY)
         features.append(Features(cv2.resize(grey, _SIZE, interpolation=cv2.INTER_AREA)))
         pixels[i] = np.bincount(example.label.ravel(), minlength=NUM_CLASSES)

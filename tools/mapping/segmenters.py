@@ -26,6 +26,9 @@ class SegmenterSpec:
     """Seed of the corruption."""
     engine: str = "auto"
     """What runs the network: torch, onnx (ONNX Runtime, CPU), or auto: the faster one that is installed."""
+    prior: float | None = None
+    """Class prior of the network's answers, 0 (as frequent as in the training data) to 1 (all alike); default: as the
+    weights say."""
 
 
 def make_segmenter(spec: SegmenterSpec, device: str = "cpu") -> Segmenter | None:
@@ -43,7 +46,7 @@ def make_segmenter(spec: SegmenterSpec, device: str = "cpu") -> Segmenter | None
     if spec.kind == "dsnet":
         from dsmap.dsnet.inference.predict import load_segmenter
 
-        return load_segmenter(spec.weights, device, spec.engine)
+        return load_segmenter(spec.weights, device, spec.engine, spec.prior)
     module_name, colon, factory_name = spec.kind.partition(":")
     if not colon:
         raise InputError(f"--segmenter is {spec.kind!r}; expected dsnet, labels, none or module:factory")

@@ -106,7 +106,13 @@ def map_config(args: Any, sequence: Sequence) -> MapConfig:
 def segmenter_spec(args: Any) -> SegmenterSpec:
     """The segmenter of the command line."""
     return SegmenterSpec(
-        args.segmenter, args.weights, args.label_noise, args.label_noise_kind, args.seed, args.engine
+        args.segmenter,
+        args.weights,
+        args.label_noise,
+        args.label_noise_kind,
+        args.seed,
+        args.engine,
+        args.prior,
     )
 
 

@@ -66,7 +66,7 @@ def load_recipe(name: str, places: tuple[str, ...] = ()) -> list[Stage]:
 
 
 def words(options: dict[str, Any], prefix: str = "--") -> list[str]:
-    """Options by name as the words of a command line; nested ones as `--net.depth`."""
+    """Options by name as the words of a command line; nested ones as `--net.geometry`."""
     found = []
     for key, value in options.items():
         flag = prefix + str(key).replace("_", "-")
