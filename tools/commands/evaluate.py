@@ -67,11 +67,11 @@ def main(args: Args) -> None:
         print(run_tables(metrics))
         out = args.out or args.run / "metrics.json"
     elif args.data is not None and args.run is None:
-        metrics, watch, images = score_network(args.data, args)
+        metrics, watch, with_geometry = score_network(args.data, args)
         print(network_table(metrics))
         out = args.out
         if out is not None and out.suffix != ".json":
-            draw_network(out, args.data.name, watch, images)
+            draw_network(out, args.data, watch, with_geometry)
             out = out / "metrics.json"
     else:
         raise InputError("expected either a RUN folder, or --data with images and labels")

@@ -22,7 +22,7 @@ from dsmap.metrics import align_se3
 from dsmap.sequences import SequenceWriter, open_sequence
 from dsmap.sequences.mesh import LabelledMesh, write_mesh
 from dsmap.tools.cli import run as command
-from dsmap.tools.commands.evaluate import labelled_frames
+from dsmap.tools.commands.evaluate import labelled_images
 
 CAMERA = Intrinsics(128, 96, 120.0, 120.0, 63.5, 47.5)
 FRAMES = 16
@@ -202,19 +202,17 @@ def test_a_network_alone_on_a_folder_of_images(scene, tmp_path):
         cv2.imwrite(str(tmp_path / "rgb" / f"{i:04d}.jpg"), rgb)
         cv2.imwrite(str(tmp_path / "label" / f"{i:04d}.png"), label)
 
-    def everything_is_wall(frame):
-        p = np.zeros((6, 8, 14), dtype=np.float32)  # a coarse answer is enlarged to the labels' size
-        p[..., WALL] = 1
-        return p
-
-    tree, frames = evaluate_network(everything_is_wall, labelled_frames(tmp_path))
+    everything_is_wall = np.zeros((6, 8, 14), dtype=np.float32)  # a coarse answer is enlarged to the labels' size
+    everything_is_wall[..., WALL] = 1
+    answers = ((everything_is_wall, example.label) for _, example in labelled_images(tmp_path))
+    tree, frames = evaluate_network(answers)
     wall = np.mean([(view(i)[2] == WALL).mean() for i in (0, 5)])
     assert frames == 2 and tree["pixel_acc"] == pytest.approx(wall) and tree["class_avg"] == 0.5
     assert tree["ece"] == pytest.approx(1 - wall) and tree["per_class"]["wall"]["iou"] == pytest.approx(wall)
     with pytest.raises(InputError, match="no labelled image; expected rgb/ and label/"):
         (tmp_path / "empty" / "label").mkdir(parents=True)
-        list(labelled_frames(tmp_path / "empty"))
-    assert len(list(labelled_frames(scene / "scene"))) == FRAMES
+        list(labelled_images(tmp_path / "empty"))
+    assert len(list(labelled_images(scene / "scene"))) == FRAMES
 
 
 def test_point_to_plane_measures_the_offset_along_the_normal():
