@@ -1,4 +1,4 @@
-"""Every parameter of mapping, with the published constants as defaults (sources in docs/architecture.md)."""
+"""Every parameter of mapping, with the published constants as defaults (sources in docs/method/overview.md)."""
 
 from dataclasses import dataclass, field
 from typing import Literal

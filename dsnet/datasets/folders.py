@@ -42,7 +42,7 @@ def load_folders(path: Path, split: str | None) -> LabelledSet:
         raise InputError(
             f"{path}: no labelled image; expected rgb/ and label/ with equal stems, a recording with "
             "rgb.txt and label.txt, sub-folders of these kinds, or one of the data sets that "
-            "docs/data_sets.md lists"
+            "docs/guide/data_sets.md lists"
         )
     has_depth = all(item.view is not None for item in items)
     chosen: Sequence[Item] = items if split is None else _split(path, items, split)

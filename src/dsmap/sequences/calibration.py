@@ -16,7 +16,7 @@ FILE = "calibration.yaml"
 
 _KINECT_READOUT_S = 0.026
 """From the first row of a Kinect's image to its last. On fr1/xyz 20 and 26 ms fit best, and a 7-Scenes recording
-agrees (docs/architecture.md)."""
+agrees (docs/method/rolling_shutter.md)."""
 _TUM = {
     "1": ((517.3, 516.5, 318.6, 255.3), (0.2624, -0.9531, -0.0054, 0.0026, 1.1633), -0.02, _KINECT_READOUT_S),
     "2": ((520.9, 521.0, 325.1, 249.7), (0.2312, -0.7849, -0.0033, -0.0001, 0.9172), 0.0, _KINECT_READOUT_S),
@@ -24,7 +24,7 @@ _TUM = {
 }
 """fx, fy, cx, cy and radtan k1 k2 p1 p2 k3 of the colour cameras, as TUM publishes them; offset of depth stamps [s];
 time from an image's first row to its last [s]. Depth of fr1 is stamped some 20 ms too late: paired by plain stamps
-colours lie 3 pixels beside their depth where the camera turns (docs/architecture.md). Of fr2 and fr3 nothing is
+colours lie 3 pixels beside their depth where the camera turns (docs/log/fr1_time_offset.md). Of fr2 and fr3 nothing is
 known; fr2 is a Kinect, too, fr3 a Xtion."""
 _SEVEN_SCENES_FOCAL = 526.4
 """Of the colour camera at 640x480 [px]. This and the rotation below were fitted on every 25th frame of one recording
