@@ -12,6 +12,7 @@ from dsmap.errors import InputError
 from dsmap.frame import Frame, Intrinsics
 from dsmap.sequences.calibration import Calibration
 from dsmap.sequences.images import (
+    Source,
     Undistorter,
     check_size,
     read_colour,
@@ -28,14 +29,14 @@ _PREFETCH = 4
 
 @dataclass(frozen=True)
 class Entry:
-    """The files of one associated frame."""
+    """The images of one associated frame."""
 
     index: int
     time: float
-    rgb: Path
-    depth: Path
-    label: Path | None = None
-    instance: Path | None = None
+    rgb: Source
+    depth: Source
+    label: Source | None = None
+    instance: Source | None = None
     T_world_camera: np.ndarray | None = None
     """Given pose at the time of the depth image, shape (4, 4)."""
     depth_time: float | None = None
@@ -52,7 +53,7 @@ class Recording:
     """What a layout reader found in a folder, before any image is opened."""
 
     layout: str
-    """`tum`, `7-scenes` or `redwood`."""
+    """`tum`, `7-scenes`, `redwood`, or the name of a reader in `formats`."""
     path: Path
     entries: list[Entry]
     """Associated frames in order of time."""
@@ -60,6 +61,8 @@ class Recording:
     num_depth: int
     notes: list[str] = field(default_factory=list)
     """What was put right while reading (stamps out of order, ...), one sentence each."""
+    calibration: Calibration | None = None
+    """The camera, where the recording's own format holds it; calibration.yaml goes before it."""
 
 
 class Sequence:
@@ -229,7 +232,7 @@ class Sequence:
             depth = register_depth(depth, self.calibration.intrinsics, self.calibration.T_color_depth)
         return self._undistorter.nearest(depth) if self._undistorter else depth
 
-    def _ids(self, path: Path | None, dtype: type) -> np.ndarray | None:
+    def _ids(self, path: Source | None, dtype: type) -> np.ndarray | None:
         if path is None:
             return None
         ids = read_ids(path).astype(dtype)
@@ -238,7 +241,7 @@ class Sequence:
             ids = self._undistorter.nearest(ids)
         return resize_nearest(ids, self.intrinsics.width, self.intrinsics.height)
 
-    def _check_size(self, path: Path, image: np.ndarray) -> None:
+    def _check_size(self, path: Source, image: np.ndarray) -> None:
         check_size(path, image, self.calibration.intrinsics.width, self.calibration.intrinsics.height)
 
 

@@ -1,5 +1,7 @@
 """Reading and resizing the images of a sequence. Every function here keeps integer pixel centres."""
 
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import cv2
@@ -12,13 +14,32 @@ SATURATED = 65535
 """A stored 16-bit depth of this value is no measurement (7-Scenes says so; elsewhere it is clipped)."""
 
 
-def read_colour(path: Path) -> np.ndarray:
-    """An image file as RGB uint8, shape (H, W, 3). Raises InputError if it is missing or damaged."""
+@dataclass(frozen=True)
+class Packed:
+    """An image inside a larger file (a bag, a film, an archive), read only when a frame asks for it."""
+
+    container: Path
+    name: str
+    """Which image of the container, for people."""
+    load: Callable[[], bytes | np.ndarray] = field(repr=False, compare=False)
+    """Gives an image file's bytes, or decoded pixels: colour RGB uint8, shape (H, W, 3); depth uint16 or float32,
+    shape (H, W), in the calibration's units. May be called from several threads. Raises InputError if damaged."""
+
+    def __str__(self) -> str:
+        return f"{self.container}, {self.name}"
+
+
+Source = Path | Packed
+"""Where an image is."""
+
+
+def read_colour(path: Source) -> np.ndarray:
+    """An image as RGB uint8, shape (H, W, 3). Raises InputError if it is missing or damaged."""
     image = _decode(path, cv2.IMREAD_COLOR)
     return cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
 
 
-def read_depth(path: Path, depth_scale: float) -> np.ndarray:
+def read_depth(path: Source, depth_scale: float) -> np.ndarray:
     """A depth image in metres, float32, shape (H, W), 0 where there is none.
 
     Args:
@@ -39,7 +60,7 @@ def read_depth(path: Path, depth_scale: float) -> np.ndarray:
     return clean_depth(depth)
 
 
-def read_ids(path: Path) -> np.ndarray:
+def read_ids(path: Source) -> np.ndarray:
     """Class or instance ids as stored, uint8 or uint16, shape (H, W)."""
     ids = _decode(path, cv2.IMREAD_UNCHANGED)
     if ids.ndim != 2:
@@ -52,7 +73,7 @@ def clean_depth(depth: np.ndarray) -> np.ndarray:
     return np.where(np.isfinite(depth) & (depth > 0), depth, 0).astype(np.float32)
 
 
-def image_size(path: Path) -> tuple[int, int] | None:
+def image_size(path: Source) -> tuple[int, int] | None:
     """(width, height) of an image file, or None if it cannot be decoded."""
     try:
         height, width = _decode(path, cv2.IMREAD_UNCHANGED).shape[:2]
@@ -61,7 +82,7 @@ def image_size(path: Path) -> tuple[int, int] | None:
     return width, height
 
 
-def check_size(path: Path, image: np.ndarray, width: int, height: int) -> None:
+def check_size(path: Source, image: np.ndarray, width: int, height: int) -> None:
     """Raise InputError unless the image has the calibrated size."""
     if image.shape[:2] != (height, width):
         raise InputError(
@@ -122,8 +143,11 @@ def _read_bytes(path: Path) -> bytes:
         raise InputError(f"{path}: cannot be read ({error.strerror or error}), expected an image") from error
 
 
-def _decode(path: Path, flags: int) -> np.ndarray:
-    data = _read_bytes(path)
+def _decode(path: Source, flags: int) -> np.ndarray:
+    """Pixels in OpenCV's order: colour is BGR."""
+    data = path.load() if isinstance(path, Packed) else _read_bytes(path)
+    if isinstance(data, np.ndarray):
+        return np.ascontiguousarray(data[..., ::-1]) if data.ndim == 3 else data
     if not _is_whole(data):
         raise InputError(f"{path}: found {len(data)} bytes that end too early, expected a whole image file")
     image = cv2.imdecode(np.frombuffer(data, np.uint8), flags)

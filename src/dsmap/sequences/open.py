@@ -5,6 +5,7 @@ from pathlib import Path
 from dsmap.errors import InputError
 from dsmap.sequences.base import Recording, Sequence
 from dsmap.sequences.calibration import FILE, Calibration, known_default, read_calibration, resolve
+from dsmap.sequences.formats import OPTIONS, Options, find_reader
 from dsmap.sequences.images import image_size
 from dsmap.sequences.redwood import is_redwood, read_redwood
 from dsmap.sequences.seven_scenes import is_seven_scenes, read_seven_scenes
@@ -24,27 +25,28 @@ def open_sequence(
     stop: int | None = None,
     stride: int = 1,
     undistort: bool = False,
+    options: Options = OPTIONS,
 ) -> Sequence:
-    """Open a recording; the layout is detected by looking at the folder.
+    """Open a recording; the layout is detected by looking at the folder or file.
 
     Args:
-        path: folder in the TUM RGB-D, 7-Scenes or Redwood/Open3D layout.
+        path: folder in the TUM RGB-D, 7-Scenes or Redwood/Open3D layout, or what a reader in `formats` takes.
         intrinsics: fx, fy, cx, cy of the recording's own images [px]; before calibration.yaml and defaults.
         depth_scale: stored depth units per metre; before calibration.yaml and defaults.
         size: (width, height) of the frames to yield; colour is averaged, depth and ids are nearest.
         start, stop, stride: which associated frames, as in a Python slice of non-negative numbers.
         undistort: remap all images to the pinhole camera of the same K (nothing to do without distortion).
+        options: which parts of a container to read (topics, ...).
 
     Raises:
         InputError: no layout fits, the calibration is missing or wrong, or no frame is chosen.
     """
     folder = Path(path)
-    if not folder.is_dir():
-        raise InputError(
-            f"{folder}: found {'a file' if folder.exists() else 'nothing'}, expected a recording's folder"
-        )
+    if not folder.exists():
+        raise InputError(f"{folder}: found nothing, expected a recording's folder or file")
     stored = read_calibration(folder)
-    recording = read_recording(folder, stored)
+    recording = read_recording(folder, stored, options)
+    stored = stored or recording.calibration
     entries = recording.entries[_slice(start, stop, stride)]
     if not entries:
         raise InputError(
@@ -60,15 +62,19 @@ def open_sequence(
     return Sequence(recording, calibration, size, entries, undistort)
 
 
-def read_recording(folder: Path, stored: Calibration | None = None) -> Recording:
-    """Detect the layout of a folder and list its associated frames, without opening an image.
+def read_recording(folder: Path, stored: Calibration | None = None, options: Options = OPTIONS) -> Recording:
+    """Detect the layout of a folder or file and list its associated frames, without opening an image.
 
     Raises:
-        InputError: the folder is none of the layouts; names what was looked for and what was found.
+        InputError: it is none of the layouts; names what was looked for and what was found.
     """
     if is_tum(folder):
         known = stored or known_default("tum", folder, 640, 480)  # of whatever size: the stamps are the same
         return read_tum(folder, known.depth_time_offset_s if known else 0.0)
+    if (reader := find_reader(folder)) is not None:
+        return reader.read(folder, options)
+    if not folder.is_dir():
+        raise InputError(f"{folder}: found a file of no known format, expected a recording's folder or file")
     if is_seven_scenes(folder):
         return read_seven_scenes(folder)
     if is_redwood(folder):
@@ -102,7 +108,7 @@ def _image_size(recording: Recording, stored: Calibration | None) -> tuple[int, 
         raise InputError(f"{looked_at[0]}: neither this nor the middle and last colour image can be decoded")
     if stored is None:
         return max(sizes, key=sizes.count)
-    camera = stored.color_camera or stored.intrinsics
+    camera = stored.stored_colour
     if (camera.width, camera.height) not in sizes:
         raise InputError(
             f"{recording.path / FILE}: found width and height {camera.width}x{camera.height}, "
