@@ -202,7 +202,8 @@ def test_a_network_alone_on_a_folder_of_images(scene, tmp_path):
         cv2.imwrite(str(tmp_path / "rgb" / f"{i:04d}.jpg"), rgb)
         cv2.imwrite(str(tmp_path / "label" / f"{i:04d}.png"), label)
 
-    everything_is_wall = np.zeros((6, 8, 14), dtype=np.float32)  # a coarse answer is enlarged to the labels' size
+    # A coarse answer is enlarged to the labels' size.
+    everything_is_wall = np.zeros((6, 8, 14), dtype=np.float32)
     everything_is_wall[..., WALL] = 1
     answers = ((everything_is_wall, example.label) for _, example in labelled_images(tmp_path))
     tree, frames = evaluate_network(answers)
