@@ -186,8 +186,7 @@ def test_tables_of_results_name_their_command(page):
         for table in tables:
             before = part[: part.index(table)]
             named = "command" in table.splitlines()[0] or re.search(r"dsmap \w+|pytest|make \w+", before)
-            what_is_missing = table.startswith("| experiment | why |")
-            assert named or what_is_missing, f"{name(page)}: no command beside\n{table}"
+            assert named, f"{name(page)}: no command beside\n{table}"
 
 
 def test_the_readme_is_short():
