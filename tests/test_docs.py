@@ -17,7 +17,7 @@ from dsmap.tools.cli import COMMANDS
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 DOCS = REPOSITORY / "docs"
-KEPT = [REPOSITORY / "README.md", REPOSITORY / "CONTRIBUTING.md", *sorted(DOCS.glob("*/*.md"))]
+KEPT = [REPOSITORY / "README.md", REPOSITORY / "CONTRIBUTING.md", *sorted(DOCS.rglob("*.md"))]
 """All documents."""
 LIVING = [page for page in KEPT if page.parent.name != "log"]
 """Those that are kept up to date; the log is history."""
@@ -44,7 +44,8 @@ def pages(which: list[Path]) -> Any:
 
 
 def code_blocks(text: str) -> list[str]:
-    """Fenced blocks, without Python and YAML, and blocks indented by four."""
+    """Fenced blocks, without Python and YAML, and blocks indented by four; continued lines as one."""
+    text = text.replace("\\\n", " ")
     fenced = [body for language, body in FENCE.findall(text) if language in ("", "bash", "sh")]
     rest = FENCE.sub("", text)
     return fenced + re.findall(r"(?:^    .*\n?)+", rest, re.MULTILINE)
@@ -164,6 +165,12 @@ def test_a_page_of_method_opens_with_its_code(page):
     heading, empty, first, *_ = page.read_text().splitlines()
     assert heading.startswith("# ") and not empty
     assert SOURCE_PATH.search(first), f"{name(page)}: the first line names no file of code"
+
+
+@pages(sorted((DOCS / "method").glob("*.md")))
+def test_a_page_of_method_is_no_history(page):
+    found = re.search(r"used to |no longer|(?:earlier|previous|older) version", page.read_text())
+    assert not found, f"{name(page)}: {found and found.group()}"
 
 
 @pages(sorted((DOCS / "guide").glob("*.md")))
