@@ -13,7 +13,9 @@ from typing import Any
 import pytest
 import tyro
 
+from dsmap.sequences.calibration import read_calibration
 from dsmap.tools.cli import COMMANDS
+from dsmap.tools.support.presets import load_preset
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 DOCS = REPOSITORY / "docs"
@@ -152,6 +154,20 @@ def test_python_lines_import_what_exists(page):
                 pytest.skip(f"{node.module} needs {error.name}")
             for alias in node.names:
                 assert hasattr(module, alias.name), f"{name(page)}: {node.module} has no {alias.name}"
+
+
+def test_the_calibration_and_the_parameters_that_the_guide_shows_are_read(tmp_path):
+    blocks = [
+        body
+        for language, body in FENCE.findall((DOCS / "guide/configuration.md").read_text())
+        if language == "yaml"
+    ]
+    calibration, parameters = blocks
+    (tmp_path / "calibration.yaml").write_text(calibration)
+    stored = read_calibration(tmp_path)
+    assert stored is not None and stored.color_camera is not None and stored.intrinsics.fx == 525.0
+    (tmp_path / "mine.yaml").write_text(parameters)
+    assert load_preset(str(tmp_path / "mine.yaml"))["labels"]["every"] == 0
 
 
 @pages(LIVING)
