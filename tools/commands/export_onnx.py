@@ -38,7 +38,7 @@ def main(args: Args) -> None:
     print(f"  image          uint8   ({n}, {height}, {width}, 3)   RGB")
     if info.config.channels > 3:
         print(
-            f"  geometry       float32 ({n}, {height}, {width}, 4)   see docs/network.md; zeros: colour alone"
+            f"  geometry       float32 ({n}, {height}, {width}, 4)   see docs/guide/onnx.md; zeros: colour alone"
         )
     classes = len(info.class_names)
     print(
