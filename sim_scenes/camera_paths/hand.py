@@ -2,8 +2,6 @@
 
 import numpy as np
 
-from dsmap.sim_scenes.textures.patterns import Rng
-
 BANDS_HZ = ((0.5, 1.0), (1.0, 2.0), (2.0, 4.0), (4.0, 8.0), (8.0, 12.0))
 POSITION_RMS_M = (1.5e-3, 1.2e-3, 0.52e-3, 0.135e-3, 0.066e-3)
 """RMS of each axis in each band [m]."""
@@ -21,7 +19,7 @@ LEG_M = 0.9
 """Length of a leg, for the bounce of a step."""
 
 
-def tremor(rng: Rng, t: np.ndarray) -> np.ndarray:
+def tremor(rng: np.random.Generator, t: np.ndarray) -> np.ndarray:
     """Unsteadiness of the hands at times t [s]: x, y, z [m] and three angles [rad], shape (N, 6).
 
     Sums of sines with random frequencies, of the spectrum given by `BANDS_HZ`; the same at equal times

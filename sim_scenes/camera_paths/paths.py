@@ -12,7 +12,6 @@ from dsmap.sim_scenes.camera_paths.trials import Sampler, carried_times, with_bu
 from dsmap.sim_scenes.physics.bodies import Motion
 from dsmap.sim_scenes.scene import Scene
 from dsmap.sim_scenes.space.free_space import FreeSpace
-from dsmap.sim_scenes.textures.patterns import Rng
 
 CLEARANCE = 0.42
 """A walk keeps this far from every surface [m]."""
@@ -103,7 +102,9 @@ class _Walk:
         return BSpline(knots, control, 3)(t / KNOT_S)
 
 
-def walk(scene: Scene, space: FreeSpace, seconds: float, rng: Rng, motion: Motion | None = None) -> Sampler:
+def walk(
+    scene: Scene, space: FreeSpace, seconds: float, rng: np.random.Generator, motion: Motion | None = None
+) -> Sampler:
     """A hand-held walk at a calm pace that looks at one piece of furniture after another.
 
     Its first 10 s are drawn again (up to 40 times) until they cover 4.4 m and 200 degrees; what follows
@@ -142,7 +143,7 @@ def _level(state: np.ndarray) -> np.ndarray:
     return look(state[:, :3], state[:, 3], state[:, 4], np.zeros(len(state)))
 
 
-def _started(scene: Scene, space: FreeSpace, rng: Rng) -> _Walk | None:
+def _started(scene: Scene, space: FreeSpace, rng: np.random.Generator) -> _Walk | None:
     """At rest, looking at the room's main piece from 1.3 to 3 m; None where there is no place for that."""
     candidates = space.sample(rng, 60, (1.2, 1.55), CLEARANCE + 0.08)
     if len(candidates) == 0 or len(scene.targets) == 0:
@@ -160,7 +161,7 @@ def _heading(eye: np.ndarray, target: np.ndarray) -> tuple[float, float]:
     return float(np.arctan2(offset[1], offset[0])), float(np.clip(pitch, np.radians(-42), np.radians(22)))
 
 
-def _extend(tour: _Walk, scene: Scene, space: FreeSpace, rng: Rng) -> None:
+def _extend(tour: _Walk, scene: Scene, space: FreeSpace, rng: np.random.Generator) -> None:
     """One more control point: a step through free space and the next thing to look at."""
     tour.eye.append(_next_eye(tour, space, rng))
     if rng.random() < 0.12:
@@ -179,7 +180,7 @@ def _extend(tour: _Walk, scene: Scene, space: FreeSpace, rng: Rng) -> None:
     tour.pitch.append(float(np.clip(pitch, tour.pitch[-1] - 0.6, tour.pitch[-1] + 0.6)))
 
 
-def _next_eye(tour: _Walk, space: FreeSpace, rng: Rng) -> np.ndarray:
+def _next_eye(tour: _Walk, space: FreeSpace, rng: np.random.Generator) -> np.ndarray:
     """The best of 40 steps: clear of surfaces along the spline, then onwards rather than back."""
     last = tour.eye[-1]
     angle = rng.uniform(-np.pi, np.pi, 40)
@@ -197,7 +198,7 @@ def _next_eye(tour: _Walk, space: FreeSpace, rng: Rng) -> np.ndarray:
     return ends[int(np.argmax(score))]
 
 
-def views(scene: Scene, space: FreeSpace, frames: int, rng: Rng) -> np.ndarray:
+def views(scene: Scene, space: FreeSpace, frames: int, rng: np.random.Generator) -> np.ndarray:
     """Unrelated viewpoints for training: varied heights, distances, pitch and roll; shape (frames, 4, 4)."""
     eyes = space.sample(rng, 6 * frames + 60, (0.8, 1.85), 0.35)
     if len(eyes) == 0:

@@ -7,7 +7,6 @@ import numpy as np
 from dsmap.sim_scenes.camera_paths.tours import VIEWPOINT_CLEARANCE, Tour
 from dsmap.sim_scenes.scene import Scene
 from dsmap.sim_scenes.space.free_space import FreeSpace
-from dsmap.sim_scenes.textures.patterns import Rng
 
 LOOP_M = 16.0
 """A round trip through a flat is at least this long, before corners are cut [m]."""
@@ -20,7 +19,7 @@ REST_S = 0.6
 def wander(
     scene: Scene,
     space: FreeSpace,
-    rng: Rng,
+    rng: np.random.Generator,
     seconds: float,
     attention: Callable[[float], np.ndarray] | None = None,
 ) -> Tour:
@@ -44,7 +43,7 @@ def wander(
     return tour
 
 
-def _watch(tour: Tour, stops: "Viewpoints", rng: Rng, seconds: float) -> Tour:
+def _watch(tour: Tour, stops: "Viewpoints", rng: np.random.Generator, seconds: float) -> Tour:
     """From one place to another from which the tour's `attention` can be seen."""
     assert tour.attention is not None
     target = tour.attention(0.0)
@@ -58,7 +57,7 @@ def _watch(tour: Tour, stops: "Viewpoints", rng: Rng, seconds: float) -> Tour:
     return tour
 
 
-def round_trip(scene: Scene, space: FreeSpace, rng: Rng, seconds: float = 0.0) -> Tour:
+def round_trip(scene: Scene, space: FreeSpace, rng: np.random.Generator, seconds: float = 0.0) -> Tour:
     """A walk through rooms (or around one) that ends where and as it began; repeated until `seconds` are full.
 
     The end has the eye and the heading of the start to within a few millimetres and tenths of a degree.
@@ -102,7 +101,7 @@ class Viewpoints:
         """The room with the most floor to walk on."""
         return int(np.argmax([len(room) for room in self.rooms]))
 
-    def draw(self, rng: Rng, room: int, away_from: np.ndarray | None = None) -> int:
+    def draw(self, rng: np.random.Generator, room: int, away_from: np.ndarray | None = None) -> int:
         """A random column of a room with space around it, 1 m or more `away_from` a floor point if there is one."""
         columns, ways = self.rooms[room], self.space.ways
         wide = columns[ways.room_left[columns] >= min(VIEWPOINT_CLEARANCE, ways.room_left[columns].max())]
@@ -111,7 +110,7 @@ class Viewpoints:
             wide = wide[far >= min(1.0, far.max())]
         return int(rng.choice(wide))
 
-    def about(self, rng: Rng, target: np.ndarray, away_from: np.ndarray | None = None) -> int:
+    def about(self, rng: np.random.Generator, target: np.ndarray, away_from: np.ndarray | None = None) -> int:
         """A random column from 1.3 to 3.2 m away from a point (3,) that sees it; any column where there is none."""
         ways = self.space.ways
         eyes = np.column_stack([ways.points, np.full(len(ways.points), 1.45)])
@@ -126,7 +125,7 @@ class Viewpoints:
             return int(rng.choice(np.flatnonzero(good)))
         return int(np.argmin(np.abs(distance - 2.0)))
 
-    def target_from(self, column: int, rng: Rng) -> np.ndarray | None:
+    def target_from(self, column: int, rng: np.random.Generator) -> np.ndarray | None:
         """One of the scene's targets that is in full sight from a column, (3,)."""
         eye = np.array([*self.space.ways.points[column], 1.45])
         targets = np.array(self.scene.targets).reshape(-1, 3)
@@ -138,7 +137,7 @@ class Viewpoints:
         return targets[rng.choice(np.flatnonzero(good))] if good.any() else None
 
 
-def _through_rooms(stops: Viewpoints, start: int, rng: Rng) -> list[int]:
+def _through_rooms(stops: Viewpoints, start: int, rng: np.random.Generator) -> list[int]:
     """Viewpoints of room after room, nearest first with some chance, until the way there and back is long enough."""
     ways, here, total = stops.space.ways, start, 0.0
     vias: list[int] = []
@@ -156,7 +155,7 @@ def _through_rooms(stops: Viewpoints, start: int, rng: Rng) -> list[int]:
         del left[k]
 
 
-def _around(stops: Viewpoints, start: int, rng: Rng) -> list[int]:
+def _around(stops: Viewpoints, start: int, rng: np.random.Generator) -> list[int]:
     """Viewpoints all around one room: the farthest walkable column in each of six directions from its middle."""
     ways, columns = stops.space.ways, stops.rooms[0]
     middle = ways.points[columns].mean(0)

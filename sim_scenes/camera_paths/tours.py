@@ -11,7 +11,6 @@ from scipy.interpolate import CubicSpline
 from dsmap.sim_scenes.camera_paths.hand import step_height
 from dsmap.sim_scenes.scene import Scene
 from dsmap.sim_scenes.space.free_space import FreeSpace
-from dsmap.sim_scenes.textures.patterns import Rng
 
 DT = 0.02
 """Step of the simulation [s]."""
@@ -61,7 +60,7 @@ class Tour:
 
     scene: Scene
     space: FreeSpace
-    rng: Rng
+    rng: np.random.Generator
     attention: Callable[[float], np.ndarray] | None = None
     """Something that moves and is looked at more than anything else: where it is (3,) at a time [s]."""
     states: list[tuple[float, ...]] = field(default_factory=list)

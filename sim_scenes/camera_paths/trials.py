@@ -4,8 +4,6 @@ from collections.abc import Callable
 
 import numpy as np
 
-from dsmap.sim_scenes.textures.patterns import Rng
-
 BURST_DEG_S = 175.0
 """Rotation of a burst on top of the walk's own [deg/s], which is below 50."""
 HOLD_S, RAMP_S = 0.55, 0.25
@@ -16,7 +14,7 @@ Sampler = Callable[[np.ndarray], np.ndarray]
 """Eye (3), yaw and pitch, (N, 5), at times (N,) [s]."""
 
 
-def with_bursts(state: np.ndarray, t: np.ndarray, seconds: float, rng: Rng) -> np.ndarray:
+def with_bursts(state: np.ndarray, t: np.ndarray, seconds: float, rng: np.random.Generator) -> np.ndarray:
     """States (N, 5) whose camera is swung away by 140 degrees within a second, and back, every few seconds.
 
     Args:
@@ -54,7 +52,7 @@ def covered_frames(kind: str, frames: int, fps: float, seed: int) -> np.ndarray:
     return covered
 
 
-def carried_times(sampler: Sampler, t: np.ndarray, seconds: float, rng: Rng) -> np.ndarray:
+def carried_times(sampler: Sampler, t: np.ndarray, seconds: float, rng: np.random.Generator) -> np.ndarray:
     """Times of a walk at which a camera is that, every few seconds, is somewhere it has been before.
 
     Each leap is to the place 1 s or more ago that differs most from the present one of a few drawn at random;

@@ -8,7 +8,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from dsmap.sim_scenes.geometry.shapes import Shape, Vector, polygons
-from dsmap.sim_scenes.textures.patterns import Rng
 
 
 def ring(size: Vector, at: Vector = (0, 0, 0), corner: float = 0.5, sides: int = 32) -> np.ndarray:
@@ -162,7 +161,9 @@ def plate_with_hole(
     return loft([*outer, *inner, outer[0]], caps=False).moved(at)
 
 
-def crumpled(rng: Rng, size: Vector, at: Vector = (0, 0, 0), depth: float = 0.25, rows: int = 14) -> Shape:
+def crumpled(
+    rng: np.random.Generator, size: Vector, at: Vector = (0, 0, 0), depth: float = 0.25, rows: int = 14
+) -> Shape:
     """A heap of cloth: a flattened lump with folds, bottom centre at `at`, flat underneath."""
     w, d, h = (float(v) for v in size)
     angle = np.linspace(0, 2 * np.pi, 3 * rows, endpoint=False)

@@ -7,7 +7,6 @@ file has none, lights follow from the bounds.
 """
 
 from collections.abc import Hashable
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -15,42 +14,16 @@ import numpy as np
 from dsmap.classes import CLASS_NAMES
 from dsmap.errors import InputError
 from dsmap.sim_scenes.geometry.shapes import Shape, merged
-from dsmap.sim_scenes.importers.class_map import ClassMap, everyday, read_class_map
+from dsmap.sim_scenes.importers.chunk import Foreign
+from dsmap.sim_scenes.importers.class_map import everyday, read_class_map
 from dsmap.sim_scenes.rooms import lighting
-from dsmap.sim_scenes.scene import Light, Material, Part, Room, Scene
+from dsmap.sim_scenes.scene import Part, Room, Scene
 
 MESHES = (".glb", ".gltf", ".obj")
 FORMATS = (*MESHES, ".ply", ".xml")
 _SHELL = tuple(CLASS_NAMES.index(name) for name in ("wall", "floor", "ceiling", "window", "void"))
 TARGETS = 40
 """Most things to look at."""
-
-
-@dataclass
-class Chunk:
-    """A piece of a foreign file: one mesh of one material that is one thing, or part of one."""
-
-    shape: Shape
-    """Vertices as in the file [m]; texture coordinates as `Material.tile` wants them."""
-    material: Material
-    keys: list[Hashable]
-    """Names or ids that may say its class, best first."""
-    thing: Hashable
-    """Chunks with the same value are one instance."""
-
-
-@dataclass
-class Foreign:
-    """What a reader found in a file."""
-
-    chunks: list[Chunk]
-    lights: list[Light]
-    up: str
-    """`y` or `z`: what points up by the format's rules."""
-    lit: bool
-    """Whether its colours hold the light already (a scan): it is then shown as it is."""
-    class_map: ClassMap | None = None
-    """What the file itself says about its classes."""
 
 
 def load_scene(path: Path | str, class_map: Path | str | None = None, up: str | None = None) -> Scene:
@@ -91,9 +64,9 @@ def _read(path: Path) -> Foreign:
         from dsmap.sim_scenes.importers.mjcf import read_mjcf
 
         return read_mjcf(path)
-    from dsmap.sim_scenes.importers import mesh as import_mesh
+    from dsmap.sim_scenes.importers.mesh import read_ply, read_scene
 
-    return import_mesh.read_ply(path) if path.suffix.lower() == ".ply" else import_mesh.read_scene(path)
+    return read_ply(path) if path.suffix.lower() == ".ply" else read_scene(path)
 
 
 def _assemble(

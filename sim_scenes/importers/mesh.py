@@ -11,8 +11,8 @@ import trimesh
 
 from dsmap.errors import InputError
 from dsmap.sim_scenes.geometry.shapes import Shape
+from dsmap.sim_scenes.importers.chunk import Chunk, Foreign
 from dsmap.sim_scenes.importers.class_map import everyday, own
-from dsmap.sim_scenes.importers.load import Chunk, Foreign
 from dsmap.sim_scenes.scene import Material
 
 _LABELS = ("label", "semantic", "semantic_id", "class", "class_id", "scalar_label", "category_id")

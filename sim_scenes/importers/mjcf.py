@@ -11,7 +11,7 @@ import numpy as np
 
 from dsmap.errors import InputError
 from dsmap.sim_scenes.geometry.shapes import Shape, box, cushion, lathe
-from dsmap.sim_scenes.importers.load import Chunk, Foreign
+from dsmap.sim_scenes.importers.chunk import Chunk, Foreign
 from dsmap.sim_scenes.scene import Light, Material
 
 VISIBLE_GROUPS = (0, 1, 2)

@@ -9,9 +9,8 @@ from dsmap.sim_scenes.physics.bodies import Motion
 from dsmap.sim_scenes.physics.movers import opening_door, pushed_chair, rolling_ball
 from dsmap.sim_scenes.physics.person import walking_person
 from dsmap.sim_scenes.scene import Scene
-from dsmap.sim_scenes.textures.patterns import Rng
 
-MOVERS: dict[str, Callable[[Scene, float, Rng], Motion]] = {
+MOVERS: dict[str, Callable[[Scene, float, np.random.Generator], Motion]] = {
     "chair": pushed_chair,
     "door": opening_door,
     "ball": rolling_ball,

@@ -17,7 +17,6 @@ from dsmap.sim_scenes.pieces import seats
 from dsmap.sim_scenes.scene import Material, Part, Piece, Scene
 from dsmap.sim_scenes.space.floor_plan import FloorPlan
 from dsmap.sim_scenes.textures.palette import Looks
-from dsmap.sim_scenes.textures.patterns import Rng
 
 NEAR_M = 3.5
 """Furniture farther from a mover than this is left out of its physics [m]."""
@@ -31,7 +30,7 @@ CHAIR_KG, BALL_KG = 6.0, 0.45
 _DT = 0.004
 
 
-def pushed_chair(scene: Scene, seconds: float, rng: Rng) -> Motion:
+def pushed_chair(scene: Scene, seconds: float, rng: np.random.Generator) -> Motion:
     """One of the scene's chairs (or a new one) is pushed over the floor, rests, and is pushed back, again and again."""
     scene, piece, direction, length = _chair_with_way(scene, rng)
     rest = piece.T_world_piece
@@ -59,7 +58,7 @@ def pushed_chair(scene: Scene, seconds: float, rng: Rng) -> Motion:
     return Motion(scene, _simulate(spec, seconds, hand)[:, None])
 
 
-def rolling_ball(scene: Scene, seconds: float, rng: Rng) -> Motion:
+def rolling_ball(scene: Scene, seconds: float, rng: np.random.Generator) -> Motion:
     """A ball lies on the floor and is kicked every few seconds; it rolls, hits furniture and comes to rest."""
     radius = float(rng.uniform(0.09, 0.14))
     plan = FloorPlan(scene, (0.02, 0.5))
@@ -96,7 +95,7 @@ def rolling_ball(scene: Scene, seconds: float, rng: Rng) -> Motion:
     return Motion(scene, _simulate(spec, seconds, foot)[:, None])
 
 
-def opening_door(scene: Scene, seconds: float, rng: Rng) -> Motion:
+def opening_door(scene: Scene, seconds: float, rng: np.random.Generator) -> Motion:
     """A door leaf of a flat swings almost shut and open again on its hinge, driven like a hand would."""
     leaves = [p for p in scene.pieces if p.name == "door_leaf" and _doorway(scene, p) is not None]
     if not leaves:
@@ -139,7 +138,7 @@ def _doorway(scene: Scene, piece: Piece) -> float | None:
     return None
 
 
-def _chair_with_way(scene: Scene, rng: Rng) -> tuple[Scene, Piece, np.ndarray, float]:
+def _chair_with_way(scene: Scene, rng: np.random.Generator) -> tuple[Scene, Piece, np.ndarray, float]:
     """The chair that can be pushed farthest (up to 1.6 m), the direction and the length; a new one where none can."""
     best: tuple[float, Piece, float] | None = None
     angles = np.arange(16) * np.pi / 8
@@ -160,7 +159,7 @@ def _chair_with_way(scene: Scene, rng: Rng) -> tuple[Scene, Piece, np.ndarray, f
     return scene, piece, np.array([np.cos(angle), np.sin(angle)]), max(length, 0.3)
 
 
-def _with_new_chair(scene: Scene, rng: Rng) -> tuple[Scene, Piece]:
+def _with_new_chair(scene: Scene, rng: np.random.Generator) -> tuple[Scene, Piece]:
     """A copy of the scene with a chair more, where there is most floor."""
     looks = Looks(rng)
     chair = seats.dining_chair(rng, looks)
@@ -186,7 +185,7 @@ def _with_new_part(scene: Scene, name: str, rest: np.ndarray, shape, look: Mater
     return more
 
 
-def _striped(rng: Rng) -> Material:
+def _striped(rng: np.random.Generator) -> Material:
     """Two colours in stripes: one sees the ball turn."""
     one, other = rng.integers(30, 230, (2, 3))
     stripes = np.where((np.arange(64) // 16 % 2 == 0)[:, None], one, other).astype(np.uint8)

@@ -8,7 +8,7 @@ from dsmap.sim_scenes.geometry.shapes import Shape, lathe, merged, rotation_x, r
 from dsmap.sim_scenes.physics.bodies import FIRST_S, SPAN_S, STEP_S, Motion, with_body
 from dsmap.sim_scenes.scene import Material, Part, Scene
 from dsmap.sim_scenes.space.floor_plan import FloorPlan
-from dsmap.sim_scenes.textures.patterns import Rng, noise
+from dsmap.sim_scenes.textures.patterns import noise
 
 SPEED_M_S = 0.7
 """Of the walk [m/s]."""
@@ -28,7 +28,7 @@ def capsule(radius: float, bottom: float, top: float, at: tuple[float, float] = 
     return lathe(foot + head, (*at, 0.0), 24)
 
 
-def walking_person(scene: Scene, seconds: float, rng: Rng) -> Motion:
+def walking_person(scene: Scene, seconds: float, rng: np.random.Generator) -> Motion:
     """Walks the longest straight free way of up to 3.5 m, turns round, comes back, and so on.
 
     Kinematic (no forces), unlike what `movers` has: torso with head and arms, and two legs that swing.
@@ -46,7 +46,7 @@ def walking_person(scene: Scene, seconds: float, rng: Rng) -> Motion:
     return Motion(scene, _walk(spots[spot], float(angles[way]), float(runs.max()), max(seconds, SPAN_S)))
 
 
-def _with_person(scene: Scene, at: np.ndarray, rng: Rng) -> Scene:
+def _with_person(scene: Scene, at: np.ndarray, rng: np.random.Generator) -> Scene:
     """A copy of the scene with the three bodies standing at a floor point, facing +y."""
     cloth = rng.uniform(0.15, 0.75, (2, 3))
     woven = noise(rng, (24, 24), (64, 64))[..., None]

@@ -8,7 +8,6 @@ from dsmap.sim_scenes.pieces.soft_goods import hanging_towel
 from dsmap.sim_scenes.scene import Assembly, Material
 from dsmap.sim_scenes.textures import finishes
 from dsmap.sim_scenes.textures.palette import Looks
-from dsmap.sim_scenes.textures.patterns import Rng
 
 
 def _tap(piece: Assembly, looks: Looks, at: tuple[float, float, float], reach: float, high: float) -> None:
@@ -21,7 +20,7 @@ def _tap(piece: Assembly, looks: Looks, at: tuple[float, float, float], reach: f
     piece.add(tube([(x, y, z + 0.7 * high), (x + 0.05, y + 0.02, z + 1.15 * high)], 0.007, 8), steel)
 
 
-def bath_tub(rng: Rng, looks: Looks) -> Assembly:
+def bath_tub(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A bath tub along a wall (back at +y): panelled, or free-standing and oval; taps at one end."""
     piece, white = Assembly("objects"), finishes.porcelain(looks)
     w, d, h = rng.uniform(1.5, 1.8), rng.uniform(0.7, 0.8), rng.uniform(0.52, 0.6)
@@ -51,7 +50,7 @@ def bath_tub(rng: Rng, looks: Looks) -> Assembly:
     return piece
 
 
-def _shower_curtain(rng: Rng, width: float, height: float) -> Shape:
+def _shower_curtain(rng: np.random.Generator, width: float, height: float) -> Shape:
     s, t = np.meshgrid(np.linspace(0, 1, 61), np.linspace(0, 1, 8))
     folds = width * rng.uniform(7, 10)
     points = np.empty((8, 61, 3))
@@ -61,7 +60,7 @@ def _shower_curtain(rng: Rng, width: float, height: float) -> Shape:
     return sheet(points, 0.004)
 
 
-def shower(rng: Rng, looks: Looks) -> Assembly:
+def shower(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A corner shower: tray, two framed panes (modelled as thin frames: clear glass is not drawn), rail and head."""
     piece, steel, size = Assembly("objects"), finishes.steel(looks), rng.uniform(0.8, 1.0)
     rings = [ring((size, size), (0, 0, z), 0.08, 40) for z in (0, 0.05)]
@@ -84,7 +83,7 @@ def shower(rng: Rng, looks: Looks) -> Assembly:
     return piece
 
 
-def toilet(rng: Rng, looks: Looks) -> Assembly:
+def toilet(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A toilet: bowl on a foot or hung from the wall, lid up or down, with or without a cistern."""
     piece, white = Assembly("objects"), finishes.porcelain(looks)
     cistern, hung = rng.random() < 0.7, rng.random() < 0.3
@@ -147,7 +146,7 @@ def _basin(
     piece.add(cylinder(0.022, 0.003, (x, y, top - 0.11), 16), finishes.steel(looks), "objects")
 
 
-def vanity(rng: Rng, looks: Looks) -> Assembly:
+def vanity(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A cupboard with a top of stone or wood and one or two basins let into it."""
     piece, body = Assembly("furniture"), looks.case()
     two = rng.random() < 0.25
@@ -197,7 +196,7 @@ def vanity(rng: Rng, looks: Looks) -> Assembly:
     return piece
 
 
-def washbasin(rng: Rng, looks: Looks) -> Assembly:
+def washbasin(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A ceramic basin on a pedestal, or fixed to the wall above a siphon."""
     piece, white = Assembly("objects"), finishes.porcelain(looks)
     w, d, h = rng.uniform(0.45, 0.65), rng.uniform(0.38, 0.48), rng.uniform(0.82, 0.88)
@@ -229,7 +228,7 @@ def washbasin(rng: Rng, looks: Looks) -> Assembly:
     return piece
 
 
-def mirror_cabinet(rng: Rng, looks: Looks) -> Assembly:
+def mirror_cabinet(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A mirror or mirrored cabinet; hang its lower edge at about 1.15 m. All of it is an object."""
     piece, w, h = Assembly("objects"), rng.uniform(0.5, 1.1), rng.uniform(0.6, 0.8)
     deep = rng.uniform(0.1, 0.15) if rng.random() < 0.5 else 0.02
@@ -257,7 +256,7 @@ def mirror_cabinet(rng: Rng, looks: Looks) -> Assembly:
     return piece
 
 
-def towel_rail(rng: Rng, looks: Looks) -> Assembly:
+def towel_rail(rng: np.random.Generator, looks: Looks) -> Assembly:
     """One bar, or a ladder-like radiator, with towels over it; hang its lower edge at about 0.5 m."""
     piece, steel, w = Assembly("objects"), finishes.steel(looks), rng.uniform(0.45, 0.65)
     ladder = rng.random() < 0.5
@@ -281,7 +280,7 @@ def towel_rail(rng: Rng, looks: Looks) -> Assembly:
     return piece
 
 
-def toilet_roll(rng: Rng, looks: Looks) -> Assembly:
+def toilet_roll(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A roll of paper on a holder; hang it at about 0.7 m."""
     piece = Assembly("objects")
     roll = (

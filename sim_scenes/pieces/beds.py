@@ -11,13 +11,13 @@ from dsmap.sim_scenes.pieces.soft_goods import pillow, throw_cushion
 from dsmap.sim_scenes.scene import Assembly
 from dsmap.sim_scenes.textures import finishes
 from dsmap.sim_scenes.textures.palette import Looks
-from dsmap.sim_scenes.textures.patterns import Rng, noise
+from dsmap.sim_scenes.textures.patterns import noise
 
 WIDTHS = (0.9, 0.95, 1.2, 1.4, 1.6, 1.8)
 """Of mattresses [m]."""
 
 
-def bed(rng: Rng, looks: Looks, width: float | None = None) -> Assembly:
+def bed(rng: np.random.Generator, looks: Looks, width: float | None = None) -> Assembly:
     """A single or double bed: frame or upholstered base, headboard, mattress, made or rumpled bedding, pillows."""
     piece = Assembly("bed")
     width, length = float(rng.choice(WIDTHS)) if width is None else width, rng.uniform(1.98, 2.08)
@@ -41,7 +41,13 @@ def bed(rng: Rng, looks: Looks, width: float | None = None) -> Assembly:
 
 
 def _headboard(
-    rng: Rng, looks: Looks, piece: Assembly, width: float, length: float, rail: float, wood: str
+    rng: np.random.Generator,
+    looks: Looks,
+    piece: Assembly,
+    width: float,
+    length: float,
+    rail: float,
+    wood: str,
 ) -> None:
     """Padded, panelled, of bars, or none."""
     kind, head, y = int(rng.choice(4, p=[0.35, 0.3, 0.25, 0.1])), rng.uniform(0.85, 1.2), length / 2
@@ -69,7 +75,13 @@ def _headboard(
 
 
 def _bedding(
-    rng: Rng, looks: Looks, piece: Assembly, width: float, length: float, lying: float, rail: float
+    rng: np.random.Generator,
+    looks: Looks,
+    piece: Assembly,
+    width: float,
+    length: float,
+    lying: float,
+    rail: float,
 ) -> None:
     """A blanket that covers most of the mattress (made), or is pushed aside (rumpled), and pillows at the head."""
     count = 1 if width < 1.2 else 2
@@ -101,7 +113,7 @@ def _bedding(
     piece.surfaces.append((-0.36 * width, -0.42 * length, 0.36 * width, 0.12 * length, lying + 0.05))
 
 
-def blanket(rng: Rng, width: float, length: float, top: float, bottom: float) -> Shape:
+def blanket(rng: np.random.Generator, width: float, length: float, top: float, bottom: float) -> Shape:
     """A blanket that lies on a mattress (`top`) and hangs down to `bottom` [m] on both sides, with wrinkles."""
     drop, half = top - bottom, width / 2
     across = np.concatenate([
@@ -120,7 +132,7 @@ def blanket(rng: Rng, width: float, length: float, top: float, bottom: float) ->
     return sheet(points, 0.012)
 
 
-def rumpled(rng: Rng, width: float, length: float) -> Shape:
+def rumpled(rng: np.random.Generator, width: float, length: float) -> Shape:
     """A blanket thrown back on a bed (z = 0): ragged outline, one end pulled askew, long folds across."""
     rows, columns = 34, 30
     s, t = np.meshgrid(np.linspace(-0.5, 0.5, columns), np.linspace(-0.5, 0.5, rows))
@@ -136,7 +148,7 @@ def rumpled(rng: Rng, width: float, length: float) -> Shape:
     return sheet(points, 0.012)
 
 
-def bunk_bed(rng: Rng, looks: Looks) -> Assembly:
+def bunk_bed(rng: np.random.Generator, looks: Looks) -> Assembly:
     """Two single beds over each other with rails and a ladder."""
     piece, wood = Assembly("bed"), looks.wood() if rng.random() < 0.6 else finishes.steel(looks)
     width, length, height = rng.uniform(0.9, 1.0), 2.0, rng.uniform(1.6, 1.75)
@@ -169,7 +181,7 @@ def bunk_bed(rng: Rng, looks: Looks) -> Assembly:
     return piece
 
 
-def crib(rng: Rng, looks: Looks) -> Assembly:
+def crib(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A child's bed with bars all around."""
     piece, wood = Assembly("bed"), looks.case()
     width, length, height = 0.66, rng.uniform(1.2, 1.36), rng.uniform(0.82, 0.95)

@@ -6,7 +6,6 @@ from dsmap.sim_scenes.geometry.shapes import Shape, box, merged
 from dsmap.sim_scenes.scene import Assembly
 from dsmap.sim_scenes.textures import art, finishes
 from dsmap.sim_scenes.textures.palette import Looks
-from dsmap.sim_scenes.textures.patterns import Rng
 
 COVERS = 6
 """Covers side by side in one image, shared by all lying books of a room."""
@@ -14,7 +13,7 @@ LYING = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
 """Turns an upright book onto its side: its spine still faces -y."""
 
 
-def book(rng: Rng, thickness: float, height: float, depth: float) -> Shape:
+def book(rng: np.random.Generator, thickness: float, height: float, depth: float) -> Shape:
     """An upright book, spine towards -y, its uv on one spine of the atlas `textures_art.spines`."""
     shape = box((thickness, depth, height))
     k = rng.integers(art.SPINES)
@@ -23,7 +22,7 @@ def book(rng: Rng, thickness: float, height: float, depth: float) -> Shape:
 
 
 def covered_box(
-    rng: Rng, looks: Looks, width: float, depth: float, thickness: float
+    rng: np.random.Generator, looks: Looks, width: float, depth: float, thickness: float
 ) -> list[tuple[Shape, str]]:
     """A lying book or magazine: pages (bottom centre at the origin) under a printed cover, as (shape, material)."""
     atlas = finishes.known(looks, "covers")
@@ -38,7 +37,9 @@ def covered_box(
     return [(pages, finishes.paper(looks)), (Shape(lid.vertices, lid.faces, unit), atlas)]
 
 
-def row_of_books(rng: Rng, looks: Looks, width: float, height: float, full: float = 0.55) -> Assembly:
+def row_of_books(
+    rng: np.random.Generator, looks: Looks, width: float, height: float, full: float = 0.55
+) -> Assembly:
     """Books from -width/2 that fill `full` .. 1 of a board: upright groups, leaning ones, now and then a lying pile."""
     row = Assembly("books")
     tallest = height - 0.02
@@ -57,7 +58,13 @@ def row_of_books(rng: Rng, looks: Looks, width: float, height: float, full: floa
 
 
 def _upright(
-    rng: Rng, shapes: list[Shape], x: float, end: float, usual: float, deep: float, tallest: float
+    rng: np.random.Generator,
+    shapes: list[Shape],
+    x: float,
+    end: float,
+    usual: float,
+    deep: float,
+    tallest: float,
 ) -> float:
     """Add upright books from x to `end`; a third of the time one series of equal books. Returns where they end."""
     series = rng.random() < 0.3
@@ -74,7 +81,7 @@ def _upright(
         x += thick + 0.0008
 
 
-def _leaning(rng: Rng, shapes: list[Shape], x: float, tall: float, deep: float) -> float:
+def _leaning(rng: np.random.Generator, shapes: list[Shape], x: float, tall: float, deep: float) -> float:
     """Add one to three books that lean to the left against what ends at x. Returns where they end."""
     angle = rng.uniform(0.12, 0.3)
     c, s = np.cos(angle), np.sin(angle)
@@ -88,7 +95,9 @@ def _leaning(rng: Rng, shapes: list[Shape], x: float, tall: float, deep: float) 
     return foot + 0.02
 
 
-def _lying_pile(rng: Rng, shapes: list[Shape], x: float, deep: float, tallest: float) -> float:
+def _lying_pile(
+    rng: np.random.Generator, shapes: list[Shape], x: float, deep: float, tallest: float
+) -> float:
     """Add a pile of lying books. Returns where it ends."""
     z, widest = 0.0, 0.0
     for _ in range(int(rng.integers(2, 6))):
@@ -102,7 +111,7 @@ def _lying_pile(rng: Rng, shapes: list[Shape], x: float, deep: float, tallest: f
     return x + widest + 0.005
 
 
-def stack_of_books(rng: Rng, looks: Looks, count: int) -> Assembly:
+def stack_of_books(rng: np.random.Generator, looks: Looks, count: int) -> Assembly:
     """A few books lying on each other; the top one shows its cover."""
     pile, z = Assembly("books"), 0.0
     for k in range(count):
@@ -120,7 +129,7 @@ def stack_of_books(rng: Rng, looks: Looks, count: int) -> Assembly:
     return pile
 
 
-def magazine_stack(rng: Rng, looks: Looks) -> Assembly:
+def magazine_stack(rng: np.random.Generator, looks: Looks) -> Assembly:
     """One to six magazines or newspapers lying on each other."""
     piece, z = Assembly("books"), 0.0
     for _ in range(int(rng.integers(1, 7))):
@@ -132,7 +141,7 @@ def magazine_stack(rng: Rng, looks: Looks) -> Assembly:
     return piece
 
 
-def folders(rng: Rng, looks: Looks, width: float, height: float) -> Assembly:
+def folders(rng: np.random.Generator, looks: Looks, width: float, height: float) -> Assembly:
     """A row of ring binders from -width/2, in a few colours with white labels."""
     row, x = Assembly("books", name="folders"), -width / 2
     colours = [looks.thing() for _ in range(int(rng.integers(1, 4)))]

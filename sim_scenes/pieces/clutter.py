@@ -6,20 +6,21 @@ friction 0.7 is good enough to settle them.
 
 from collections.abc import Callable
 
+import numpy as np
+
 from dsmap.sim_scenes.pieces import books, decor, dishes, small_things, soft_goods
 from dsmap.sim_scenes.scene import Assembly
 from dsmap.sim_scenes.textures.palette import Looks
-from dsmap.sim_scenes.textures.patterns import Rng
 
-Make = Callable[[Rng, Looks], Assembly]
+Make = Callable[[np.random.Generator, Looks], Assembly]
 
 
-def stack_of_books(rng: Rng, looks: Looks) -> Assembly:
+def stack_of_books(rng: np.random.Generator, looks: Looks) -> Assembly:
     """Two to six books lying on each other."""
     return books.stack_of_books(rng, looks, int(rng.integers(2, 7)))
 
 
-def one_book(rng: Rng, looks: Looks) -> Assembly:
+def one_book(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A single book lying with its cover up."""
     return books.stack_of_books(rng, looks, 1)
 
@@ -73,7 +74,7 @@ PLACES: dict[str, tuple[Make, ...]] = {
 """What stands where: place to the functions `pick` draws from."""
 
 
-def pick(rng: Rng, looks: Looks, place: str = "living") -> Assembly:
+def pick(rng: np.random.Generator, looks: Looks, place: str = "living") -> Assembly:
     """One random thing for a place (a key of `PLACES`)."""
     make = PLACES[place][int(rng.integers(len(PLACES[place])))]
     thing = make(rng, looks)

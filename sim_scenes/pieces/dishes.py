@@ -1,14 +1,15 @@
 """Dishes, pots, bottles and food (class objects): what stands on kitchen boards and laid tables."""
 
+import numpy as np
+
 from dsmap.sim_scenes.geometry.lofts import bow, tube
 from dsmap.sim_scenes.geometry.shapes import Shape, box, cushion, cylinder, lathe
 from dsmap.sim_scenes.scene import Assembly
 from dsmap.sim_scenes.textures import finishes
 from dsmap.sim_scenes.textures.palette import Looks
-from dsmap.sim_scenes.textures.patterns import Rng
 
 
-def _dish(rng: Rng, looks: Looks) -> str:
+def _dish(rng: np.random.Generator, looks: Looks) -> str:
     return finishes.porcelain(looks) if rng.random() < 0.55 else looks.thing()
 
 
@@ -24,7 +25,7 @@ def _plate(radius: float, z: float) -> Shape:
     return lathe(profile, (0, 0, z), 28)
 
 
-def plate(rng: Rng, looks: Looks) -> Assembly:
+def plate(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A plate, sometimes with food or cutlery on it."""
     piece, radius = Assembly("objects"), rng.uniform(0.09, 0.14)
     piece.add(_plate(radius, 0), _dish(rng, looks))
@@ -39,7 +40,7 @@ def plate(rng: Rng, looks: Looks) -> Assembly:
     return piece
 
 
-def plate_stack(rng: Rng, looks: Looks) -> Assembly:
+def plate_stack(rng: np.random.Generator, looks: Looks) -> Assembly:
     """Several plates on each other."""
     piece, radius, dish = Assembly("objects"), rng.uniform(0.1, 0.14), _dish(rng, looks)
     for k in range(int(rng.integers(3, 9))):
@@ -47,7 +48,7 @@ def plate_stack(rng: Rng, looks: Looks) -> Assembly:
     return piece
 
 
-def bowl_stack(rng: Rng, looks: Looks) -> Assembly:
+def bowl_stack(rng: np.random.Generator, looks: Looks) -> Assembly:
     """One to four nested bowls."""
     piece, r, dish = Assembly("objects"), rng.uniform(0.065, 0.11), _dish(rng, looks)
     for k in range(int(rng.integers(1, 5))):
@@ -63,7 +64,7 @@ def bowl_stack(rng: Rng, looks: Looks) -> Assembly:
     return piece
 
 
-def glass(rng: Rng, looks: Looks) -> Assembly:
+def glass(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A tumbler or a wine glass, of tinted pale glass (opaque: nothing here refracts)."""
     piece, tone = (
         Assembly("objects"),
@@ -89,7 +90,7 @@ def glass(rng: Rng, looks: Looks) -> Assembly:
     return piece
 
 
-def bottle(rng: Rng, looks: Looks) -> Assembly:
+def bottle(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A bottle of wine, water, oil, sauce or detergent with a label and a cap."""
     piece, r, h = Assembly("objects"), rng.uniform(0.028, 0.043), rng.uniform(0.2, 0.33)
     body = looks.tiled(
@@ -113,7 +114,7 @@ def bottle(rng: Rng, looks: Looks) -> Assembly:
     return piece
 
 
-def jar(rng: Rng, looks: Looks) -> Assembly:
+def jar(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A storage jar or tin with a lid."""
     piece, r, h = Assembly("objects"), rng.uniform(0.035, 0.07), rng.uniform(0.08, 0.2)
     piece.add(lathe([(0.94 * r, 0), (r, 0.01), (r, 0.88 * h), (0.9 * r, 0.93 * h)], sides=28), looks.thing())
@@ -124,7 +125,7 @@ def jar(rng: Rng, looks: Looks) -> Assembly:
     return piece
 
 
-def can(rng: Rng, looks: Looks) -> Assembly:
+def can(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A tin or drinks can."""
     piece, r, h = Assembly("objects"), rng.uniform(0.03, 0.05), rng.uniform(0.1, 0.14)
     piece.add(lathe([(0.93 * r, 0), (r, 0.006), (r, h - 0.006), (0.93 * r, h)], sides=24), looks.thing())
@@ -132,7 +133,7 @@ def can(rng: Rng, looks: Looks) -> Assembly:
     return piece
 
 
-def pot(rng: Rng, looks: Looks) -> Assembly:
+def pot(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A cooking pot with two handles and, mostly, a lid."""
     piece, r, h = Assembly("objects"), rng.uniform(0.09, 0.14), rng.uniform(0.1, 0.18)
     metal = finishes.steel(looks) if rng.random() < 0.6 else looks.thing()
@@ -154,7 +155,7 @@ def pot(rng: Rng, looks: Looks) -> Assembly:
     return piece
 
 
-def pan(rng: Rng, looks: Looks) -> Assembly:
+def pan(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A frying pan with a long handle."""
     piece, r = Assembly("objects"), rng.uniform(0.1, 0.15)
     piece.add(
@@ -168,7 +169,7 @@ def pan(rng: Rng, looks: Looks) -> Assembly:
     return piece
 
 
-def fruit(rng: Rng, looks: Looks) -> Assembly:
+def fruit(rng: np.random.Generator, looks: Looks) -> Assembly:
     """An apple, orange or lemon."""
     piece, d = Assembly("objects"), rng.uniform(0.06, 0.09)
     skin = looks.tiled("plain", ((0.8, 0.45, 0.1), (0.7, 0.12, 0.1), (0.5, 0.65, 0.2), (0.85, 0.75, 0.2)))
@@ -176,7 +177,7 @@ def fruit(rng: Rng, looks: Looks) -> Assembly:
     return piece
 
 
-def cutting_board(rng: Rng, looks: Looks) -> Assembly:
+def cutting_board(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A board, sometimes with bread on it."""
     piece, w = Assembly("objects"), rng.uniform(0.28, 0.42)
     piece.add(box((w, 0.62 * w, 0.018), bevel=0.005), looks.wood())

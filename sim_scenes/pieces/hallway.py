@@ -8,7 +8,6 @@ from dsmap.sim_scenes.pieces.soft_goods import handbag, hung_garment, shoes
 from dsmap.sim_scenes.scene import Assembly
 from dsmap.sim_scenes.textures import finishes
 from dsmap.sim_scenes.textures.palette import Looks
-from dsmap.sim_scenes.textures.patterns import Rng
 
 
 def _hook(at: tuple[float, float, float]) -> Shape:
@@ -16,7 +15,7 @@ def _hook(at: tuple[float, float, float]) -> Shape:
     return tube(bow((x, y, z), (x, y - 0.09, z - 0.03), (x, y - 0.07, z + 0.045)), 0.007, 8)
 
 
-def coat_stand(rng: Rng, looks: Looks) -> Assembly:
+def coat_stand(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A free-standing pole with arms and coats on it."""
     piece, height = Assembly("objects"), rng.uniform(1.65, 1.85)
     wood = looks.wood() if rng.random() < 0.6 else finishes.dark(looks)
@@ -49,7 +48,7 @@ def coat_stand(rng: Rng, looks: Looks) -> Assembly:
     return piece
 
 
-def coat_rack(rng: Rng, looks: Looks) -> Assembly:
+def coat_rack(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A board with hooks, coats and bags: the board is 1.1 m above the frame's origin; hang that at about 0.5 m."""
     piece, wood, width = Assembly("furniture"), looks.wood(), rng.uniform(0.6, 1.3)
     piece.add(box((width, 0.022, 0.11), (0, 0.1, 0), 0.004), wood)
@@ -72,7 +71,7 @@ def coat_rack(rng: Rng, looks: Looks) -> Assembly:
     return piece
 
 
-def shoe_rack(rng: Rng, looks: Looks) -> Assembly:
+def shoe_rack(rng: np.random.Generator, looks: Looks) -> Assembly:
     """Low open boards with pairs of shoes."""
     piece, wood = Assembly("furniture"), looks.wood()
     width, depth, rows = rng.uniform(0.6, 1.0), 0.32, int(rng.integers(2, 4))
@@ -94,7 +93,7 @@ def shoe_rack(rng: Rng, looks: Looks) -> Assembly:
     return piece
 
 
-def wall_mirror(rng: Rng, looks: Looks) -> Assembly:
+def wall_mirror(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A framed mirror, oblong or round; hang its middle at eye height."""
     piece = Assembly("objects")
     frame = looks.wood() if rng.random() < 0.6 else looks.metal
@@ -115,7 +114,7 @@ def wall_mirror(rng: Rng, looks: Looks) -> Assembly:
     return piece
 
 
-def umbrella_stand(rng: Rng, looks: Looks) -> Assembly:
+def umbrella_stand(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A tall pot with one to four umbrellas."""
     piece, r, h = Assembly("objects"), rng.uniform(0.1, 0.14), rng.uniform(0.42, 0.55)
     pot = finishes.wicker(looks) if rng.random() < 0.4 else finishes.dark(looks)
@@ -131,7 +130,7 @@ def umbrella_stand(rng: Rng, looks: Looks) -> Assembly:
     return piece
 
 
-def hall_bench(rng: Rng, looks: Looks) -> Assembly:
+def hall_bench(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A bench to put on shoes, with a padded seat at times (NYUv2 calls a bench furniture)."""
     piece, wood = Assembly("furniture"), looks.wood()
     width, depth, sit = rng.uniform(0.8, 1.3), rng.uniform(0.32, 0.4), rng.uniform(0.43, 0.48)
@@ -146,7 +145,7 @@ def hall_bench(rng: Rng, looks: Looks) -> Assembly:
     return piece
 
 
-def radiator(rng: Rng, looks: Looks) -> Assembly:
+def radiator(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A ribbed or flat radiator; stands 0.12 m above the floor close to a wall."""
     piece, width, h = Assembly("objects"), rng.uniform(0.6, 1.4), rng.uniform(0.5, 0.6)
     white = looks.white

@@ -11,7 +11,6 @@ from dsmap.sim_scenes.pieces.clutter import pick
 from dsmap.sim_scenes.scene import Assembly
 from dsmap.sim_scenes.textures import finishes
 from dsmap.sim_scenes.textures.palette import Looks
-from dsmap.sim_scenes.textures.patterns import Rng
 
 HEIGHT, DEPTH, TOP, PLINTH = 0.9, 0.6, 0.036, 0.1
 """Of worktops above the floor, of base units, of the worktop's board, of the recessed foot [m]."""
@@ -87,7 +86,11 @@ def _front(
 
 
 def oven_face(
-    rng: Rng, looks: Looks, piece: Assembly, at: tuple[float, float, float], size: tuple[float, float]
+    rng: np.random.Generator,
+    looks: Looks,
+    piece: Assembly,
+    at: tuple[float, float, float],
+    size: tuple[float, float],
 ) -> None:
     """An oven's or dishwasher's face: steel or black with a dark window, a handle and knobs."""
     (x, y, z), (w, h) = at, size
@@ -139,7 +142,7 @@ def _sink(looks: Looks, piece: Assembly, x: float, width: float) -> None:
     )
 
 
-def hob(rng: Rng, looks: Looks, piece: Assembly, x: float, width: float = 0.56) -> None:
+def hob(rng: np.random.Generator, looks: Looks, piece: Assembly, x: float, width: float = 0.56) -> None:
     """Four cooking zones: black glass with rings, or steel with gas burners."""
     gas = rng.random() < 0.4
     plate = finishes.steel(looks) if gas else finishes.dark(looks)
@@ -160,13 +163,15 @@ def hob(rng: Rng, looks: Looks, piece: Assembly, x: float, width: float = 0.56) 
             piece.add(cylinder(r - 0.008, 0.0025, at, 28), finishes.dark(looks), "objects")
 
 
-def _modules(rng: Rng, length: float) -> np.ndarray:
+def _modules(rng: np.random.Generator, length: float) -> np.ndarray:
     """Edges of cupboards of 0.45 to 0.62 m that fill a run, shape (n + 1,)."""
     count = max(1, int(round(length / rng.uniform(0.5, 0.6))))
     return np.linspace(-length / 2, length / 2, count + 1)
 
 
-def base_units(rng: Rng, looks: Looks, length: float = 2.4, sink: bool = True, cook: bool = True) -> Assembly:
+def base_units(
+    rng: np.random.Generator, looks: Looks, length: float = 2.4, sink: bool = True, cook: bool = True
+) -> Assembly:
     """A run of base units of a given length [m] with a worktop, a sink and a hob over an oven where there is room."""
     piece, front, carcass = Assembly("furniture"), -DEPTH / 2 + 0.04, fronts_of(looks)
     edges, style = _modules(rng, length), int(rng.integers(3))
@@ -196,7 +201,7 @@ def base_units(rng: Rng, looks: Looks, length: float = 2.4, sink: bool = True, c
 
 
 def _worktop(
-    rng: Rng,
+    rng: np.random.Generator,
     looks: Looks,
     piece: Assembly,
     length: float,
@@ -227,7 +232,7 @@ def _worktop(
         start = high
 
 
-def wall_cupboards(rng: Rng, looks: Looks, length: float = 1.8) -> Assembly:
+def wall_cupboards(rng: np.random.Generator, looks: Looks, length: float = 1.8) -> Assembly:
     """A run of wall cupboards, some with glass doors or open; hang its lower edge at about 1.4 m."""
     piece, style = Assembly("furniture"), int(rng.integers(3))
     height, depth, edges = rng.uniform(0.6, 0.8), rng.uniform(0.32, 0.37), _modules(rng, length)
@@ -252,7 +257,14 @@ def wall_cupboards(rng: Rng, looks: Looks, length: float = 1.8) -> Assembly:
 
 
 def _dishes(
-    rng: Rng, looks: Looks, piece: Assembly, x: float, width: float, y: float, z: float, room: float
+    rng: np.random.Generator,
+    looks: Looks,
+    piece: Assembly,
+    x: float,
+    width: float,
+    y: float,
+    z: float,
+    room: float,
 ) -> None:
     """A row of kitchen things on a board under the next one `room` above."""
     at = x - width / 2
@@ -267,7 +279,7 @@ def _dishes(
         at += high[0] - low[0] + rng.uniform(0.015, 0.06)
 
 
-def kitchen_shelf(rng: Rng, looks: Looks) -> Assembly:
+def kitchen_shelf(rng: np.random.Generator, looks: Looks) -> Assembly:
     """Open boards with dishes and jars, and cups on hooks; hang its lower edge at about 1.3 m."""
     piece, wood = Assembly("furniture"), looks.wood()
     width, depth, gap = rng.uniform(0.7, 1.3), 0.25, rng.uniform(0.3, 0.36)
@@ -280,7 +292,7 @@ def kitchen_shelf(rng: Rng, looks: Looks) -> Assembly:
     return piece
 
 
-def island(rng: Rng, looks: Looks) -> Assembly:
+def island(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A free-standing counter with cupboards at the front and room for stools behind (+y)."""
     piece = base_units(rng, looks, rng.uniform(1.3, 1.8), False, rng.random() < 0.3)
     length = float(np.ptp(piece.bounds()[:, 0]))

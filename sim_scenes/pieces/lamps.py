@@ -7,12 +7,11 @@ from dsmap.sim_scenes.geometry.shapes import Shape, box, cushion, cylinder, lath
 from dsmap.sim_scenes.scene import Assembly, Material
 from dsmap.sim_scenes.textures import finishes
 from dsmap.sim_scenes.textures.palette import Looks
-from dsmap.sim_scenes.textures.patterns import Rng
 
 _SHADES = ((235, 215, 180), (242, 236, 224), (225, 200, 160), (210, 190, 175))
 
 
-def shade_cloth(rng: Rng, looks: Looks, glow: float | None = None) -> str:
+def shade_cloth(rng: np.random.Generator, looks: Looks, glow: float | None = None) -> str:
     """The lit cloth or paper of a lamp shade."""
     image = np.broadcast_to(np.array(_SHADES[rng.integers(len(_SHADES))], np.uint8), (32, 32, 3)).copy()
     image[::4] = (image[::4] * 0.92).astype(np.uint8)
@@ -20,14 +19,14 @@ def shade_cloth(rng: Rng, looks: Looks, glow: float | None = None) -> str:
     return looks.add("shade", Material(image, 0.12, 0.0, 0.1, emission=glow))
 
 
-def _shade(rng: Rng, radius: float, height: float, at: tuple[float, float, float]) -> Shape:
+def _shade(rng: np.random.Generator, radius: float, height: float, at: tuple[float, float, float]) -> Shape:
     """An open drum or cone, 4 mm thick."""
     top = radius * rng.uniform(0.5, 1.0)
     skin = [(radius, 0), (top, height), (top - 0.004, height), (radius - 0.004, 0.0), (radius, 0)]
     return lathe(skin[:4], at, 36)
 
 
-def floor_lamp(rng: Rng, looks: Looks) -> Assembly:
+def floor_lamp(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A floor lamp: straight, tripod, or an arc with a hanging shade, 1.35 to 1.8 m high."""
     piece, height, kind = Assembly("objects", name="floor_lamp"), rng.uniform(1.4, 1.75), int(rng.integers(3))
     metal = (looks.metal, finishes.dark(looks), finishes.steel(looks))[rng.integers(3)]
@@ -64,7 +63,7 @@ def floor_lamp(rng: Rng, looks: Looks) -> Assembly:
     return piece
 
 
-def table_lamp(rng: Rng, looks: Looks) -> Assembly:
+def table_lamp(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A lamp of 0.3 to 0.6 m for a nightstand or sideboard: turned foot with a shade, globe, or mushroom."""
     piece, height, kind = Assembly("objects", name="lamp"), rng.uniform(0.32, 0.58), int(rng.integers(3))
     foot, shade = looks.thing() if rng.random() < 0.6 else looks.metal, shade_cloth(rng, looks)
@@ -84,7 +83,7 @@ def table_lamp(rng: Rng, looks: Looks) -> Assembly:
     return piece
 
 
-def desk_lamp(rng: Rng, looks: Looks) -> Assembly:
+def desk_lamp(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A jointed work lamp that leans forward over the desk."""
     piece, metal = (
         Assembly("objects", name="lamp"),
@@ -105,7 +104,7 @@ def desk_lamp(rng: Rng, looks: Looks) -> Assembly:
     return piece
 
 
-def pendant(rng: Rng, looks: Looks) -> Assembly:
+def pendant(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A lamp on a cord or rods: drum, dome, globe, or a chandelier. Its top (the ceiling) is z = 0, it hangs below."""
     piece, kind, drop = Assembly("objects", name="lamp"), int(rng.integers(4)), rng.uniform(0.25, 0.55)
     shade = shade_cloth(rng, looks, rng.uniform(0.3, 0.5))
@@ -137,7 +136,7 @@ def pendant(rng: Rng, looks: Looks) -> Assembly:
     return piece
 
 
-def ceiling_lamp(rng: Rng, looks: Looks) -> Assembly:
+def ceiling_lamp(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A flat lamp at the ceiling: a bowl, a tube light or a panel. Its top is z = 0."""
     piece, kind = Assembly("objects", name="lamp"), int(rng.integers(3))
     shade = shade_cloth(rng, looks, rng.uniform(0.4, 0.55))

@@ -10,17 +10,17 @@ from dsmap.sim_scenes.geometry.shapes import Shape, box, cushion, cylinder, lath
 from dsmap.sim_scenes.scene import Assembly, Material
 from dsmap.sim_scenes.textures import finishes, screens
 from dsmap.sim_scenes.textures.palette import Looks
-from dsmap.sim_scenes.textures.patterns import Rng, noise
+from dsmap.sim_scenes.textures.patterns import noise
 
 
-def _screen(rng: Rng, looks: Looks) -> str:
+def _screen(rng: np.random.Generator, looks: Looks) -> str:
     """A lit or dark screen; computers are mostly on."""
     image = screens.screen(rng)
     on = float(image.mean()) > 60
     return looks.printed("screen", image, 0.3, 0.35 if on else 0.0, glass=True)
 
 
-def monitor(rng: Rng, looks: Looks, width: float | None = None) -> Assembly:
+def monitor(rng: np.random.Generator, looks: Looks, width: float | None = None) -> Assembly:
     """A computer monitor on its foot."""
     piece, body = Assembly("objects"), finishes.dark(looks)
     width = rng.uniform(0.48, 0.68) if width is None else width
@@ -38,7 +38,7 @@ def monitor(rng: Rng, looks: Looks, width: float | None = None) -> Assembly:
     return piece
 
 
-def dual_monitors(rng: Rng, looks: Looks) -> Assembly:
+def dual_monitors(rng: np.random.Generator, looks: Looks) -> Assembly:
     """Two equal monitors side by side, turned a little towards each other."""
     piece, width = Assembly("objects"), rng.uniform(0.48, 0.58)
     for side in (-1, 1):
@@ -50,7 +50,7 @@ def dual_monitors(rng: Rng, looks: Looks) -> Assembly:
     return piece
 
 
-def laptop(rng: Rng, looks: Looks) -> Assembly:
+def laptop(rng: np.random.Generator, looks: Looks) -> Assembly:
     """An open laptop."""
     piece, w = Assembly("objects"), rng.uniform(0.3, 0.38)
     body = finishes.steel(looks) if rng.random() < 0.5 else finishes.dark(looks)
@@ -78,7 +78,7 @@ def _keys(looks: Looks) -> str:
     return looks.add("keys", Material(image, 0.3, 0.1, 0.2))
 
 
-def keyboard(rng: Rng, looks: Looks) -> Assembly:
+def keyboard(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A keyboard with a mouse at its right."""
     piece, w = Assembly("objects"), rng.uniform(0.36, 0.45)
     body = finishes.dark(looks) if rng.random() < 0.7 else finishes.porcelain(looks)
@@ -91,7 +91,7 @@ def keyboard(rng: Rng, looks: Looks) -> Assembly:
     return piece
 
 
-def pc_tower(rng: Rng, looks: Looks) -> Assembly:
+def pc_tower(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A computer's case."""
     piece, body = Assembly("objects"), finishes.dark(looks) if rng.random() < 0.7 else finishes.steel(looks)
     w, d, h = rng.uniform(0.17, 0.22), rng.uniform(0.38, 0.46), rng.uniform(0.36, 0.46)
@@ -108,7 +108,7 @@ def pc_tower(rng: Rng, looks: Looks) -> Assembly:
     return piece
 
 
-def printer(rng: Rng, looks: Looks) -> Assembly:
+def printer(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A desk printer with a paper tray and a sheet in it."""
     piece, light = Assembly("objects"), rng.random() < 0.6
     body, other = (finishes.porcelain, finishes.dark)[:: 1 if light else -1]
@@ -122,7 +122,7 @@ def printer(rng: Rng, looks: Looks) -> Assembly:
     return piece
 
 
-def _scribbles(rng: Rng) -> np.ndarray:
+def _scribbles(rng: np.random.Generator) -> np.ndarray:
     """A whiteboard's face with lines of writing, boxes and arrows, uint8 (240, 360, 3)."""
     image = np.full((240, 360, 3), 232, np.float32) * (1 + 0.02 * noise(rng, (10, 14), (240, 360))[..., None])
     inks = ((40, 60, 150), (30, 30, 30), (170, 40, 40), (30, 110, 60))
@@ -141,7 +141,7 @@ def _scribbles(rng: Rng) -> np.ndarray:
     return np.clip(image, 0, 255).astype(np.uint8)
 
 
-def whiteboard(rng: Rng, looks: Looks) -> Assembly:
+def whiteboard(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A whiteboard in an aluminium frame with a pen tray; hang its lower edge at about 0.9 m."""
     piece, steel = Assembly("objects"), finishes.steel(looks)
     w, h = rng.uniform(1.0, 2.0), rng.uniform(0.8, 1.1)
@@ -158,7 +158,7 @@ def whiteboard(rng: Rng, looks: Looks) -> Assembly:
     return piece
 
 
-def pinboard(rng: Rng, looks: Looks) -> Assembly:
+def pinboard(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A cork board with papers; hang its lower edge at about 1.1 m."""
     piece, w, h = Assembly("objects"), rng.uniform(0.7, 1.2), rng.uniform(0.5, 0.85)
     cork = looks.tiled("carpet", ((0.62, 0.45, 0.28),))
@@ -171,7 +171,7 @@ def pinboard(rng: Rng, looks: Looks) -> Assembly:
     return piece
 
 
-def waste_bin(rng: Rng, looks: Looks) -> Assembly:
+def waste_bin(rng: np.random.Generator, looks: Looks) -> Assembly:
     """An open bin with crumpled paper, or a pedal bin."""
     piece, r, h = Assembly("objects"), rng.uniform(0.12, 0.17), rng.uniform(0.26, 0.45)
     skin = (finishes.dark, finishes.steel, Looks.thing)[rng.integers(3)](looks)
@@ -190,7 +190,7 @@ def waste_bin(rng: Rng, looks: Looks) -> Assembly:
     return piece
 
 
-def telephone(rng: Rng, looks: Looks) -> Assembly:
+def telephone(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A desk telephone."""
     piece, body = Assembly("objects"), finishes.dark(looks)
     wedge = box((0.18, 0.2, 0.05), bevel=0.01)
@@ -207,7 +207,7 @@ def telephone(rng: Rng, looks: Looks) -> Assembly:
     return piece
 
 
-def paper_tray(rng: Rng, looks: Looks) -> Assembly:
+def paper_tray(rng: np.random.Generator, looks: Looks) -> Assembly:
     """Letter trays over each other with papers."""
     piece, colour = Assembly("objects"), finishes.dark(looks) if rng.random() < 0.5 else looks.thing()
     for k in range(int(rng.integers(1, 4))):
@@ -222,7 +222,7 @@ def paper_tray(rng: Rng, looks: Looks) -> Assembly:
     return piece
 
 
-def paper_stack(rng: Rng, looks: Looks) -> Assembly:
+def paper_stack(rng: np.random.Generator, looks: Looks) -> Assembly:
     """Loose papers on a heap."""
     piece, z = Assembly("objects"), 0.0
     for _ in range(int(rng.integers(2, 6))):
@@ -233,7 +233,7 @@ def paper_stack(rng: Rng, looks: Looks) -> Assembly:
     return piece
 
 
-def water_cooler(rng: Rng, looks: Looks) -> Assembly:
+def water_cooler(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A water dispenser with its big bottle."""
     piece = Assembly("objects")
     piece.add(box((0.32, 0.32, 0.95), bevel=0.015), finishes.porcelain(looks))

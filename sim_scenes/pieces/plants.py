@@ -1,4 +1,4 @@
-"""Potted plants of several habits, and cut flowers (class objects)."""
+"""Potted plants of several habits (class objects)."""
 
 import numpy as np
 
@@ -8,7 +8,6 @@ from dsmap.sim_scenes.pieces import decor
 from dsmap.sim_scenes.scene import Assembly
 from dsmap.sim_scenes.textures import finishes
 from dsmap.sim_scenes.textures.palette import Looks
-from dsmap.sim_scenes.textures.patterns import Rng
 
 _GREENS = ((0.22, 0.42, 0.18), (0.3, 0.48, 0.2), (0.16, 0.34, 0.2), (0.36, 0.46, 0.28))
 
@@ -17,7 +16,7 @@ def _green(looks: Looks) -> str:
     return looks.tiled("leaves", _GREENS)
 
 
-def _pot(rng: Rng, looks: Looks, piece: Assembly, radius: float, height: float) -> None:
+def _pot(rng: np.random.Generator, looks: Looks, piece: Assembly, radius: float, height: float) -> None:
     """A pot with earth in it."""
     skin = finishes.wicker(looks) if rng.random() < 0.2 else looks.thing()
     taper = rng.uniform(0.65, 0.95)
@@ -43,7 +42,13 @@ def leaf(length: float, width: float, droop: float, cells: int = 6) -> Shape:
 
 
 def _whorl(
-    rng: Rng, count: int, length: float, width: float, lift: tuple[float, float], droop: float, at: np.ndarray
+    rng: np.random.Generator,
+    count: int,
+    length: float,
+    width: float,
+    lift: tuple[float, float],
+    droop: float,
+    at: np.ndarray,
 ) -> Shape:
     """Leaves around a point, rising at angles drawn from `lift` [rad]."""
     leaves = []
@@ -56,12 +61,7 @@ def _whorl(
     return merged(leaves)
 
 
-def bush(rng: Rng, looks: Looks) -> Assembly:
-    """The leafy plant of `decor`, 0.3 to 1.2 m high."""
-    return decor.plant(rng, looks, rng.uniform(0.3, 1.2))
-
-
-def palm(rng: Rng, looks: Looks) -> Assembly:
+def palm(rng: np.random.Generator, looks: Looks) -> Assembly:
     """Arching fronds of small leaflets from a few stems."""
     piece, height, green = Assembly("objects"), rng.uniform(1.1, 1.8), _green(looks)
     pot = 0.15 * height
@@ -83,7 +83,7 @@ def palm(rng: Rng, looks: Looks) -> Assembly:
     return piece
 
 
-def rubber_plant(rng: Rng, looks: Looks) -> Assembly:
+def rubber_plant(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A thin trunk with big leaves all around (ficus, rubber plant), 0.7 to 1.9 m."""
     piece, height, green = Assembly("objects"), rng.uniform(0.7, 1.9), _green(looks)
     _pot(rng, looks, piece, 0.09 * height + 0.06, 0.13 * height + 0.08)
@@ -99,7 +99,7 @@ def rubber_plant(rng: Rng, looks: Looks) -> Assembly:
     return piece
 
 
-def snake_plant(rng: Rng, looks: Looks) -> Assembly:
+def snake_plant(rng: np.random.Generator, looks: Looks) -> Assembly:
     """Upright sword-like leaves."""
     piece, height, green = Assembly("objects"), rng.uniform(0.4, 0.95), _green(looks)
     pot = rng.uniform(0.14, 0.22)
@@ -114,89 +114,8 @@ def snake_plant(rng: Rng, looks: Looks) -> Assembly:
     return piece
 
 
-def cactus(rng: Rng, looks: Looks) -> Assembly:
-    """A ribbed column or globe in a small pot."""
-    piece, green = Assembly("objects"), _green(looks)
-    pot, tall = rng.uniform(0.06, 0.11), rng.uniform(0.08, 0.3)
-    _pot(rng, looks, piece, 0.65 * pot, pot)
-    wide = rng.uniform(0.06, 0.1)
-    body = cushion((wide, wide, tall + 0.02), (0, 0, 0.8 * pot), 0.75, 14)
-    around = np.arctan2(body.vertices[:, 1], body.vertices[:, 0])
-    ribs = 1 + 0.08 * np.cos(10 * around)
-    piece.add(
-        Shape(body.vertices * np.column_stack([ribs, ribs, np.ones_like(ribs)]), body.faces, body.uv), green
-    )
-    if tall > 0.18:
-        for side in (-1, 1):
-            z = 0.8 * pot + rng.uniform(0.35, 0.5) * tall
-            arm = bow(
-                (side * 0.3 * wide, 0, z), (side * 1.1 * wide, 0, z), (side * 1.0 * wide, 0, z + 0.3 * tall)
-            )
-            piece.add(tube(arm, 0.018, 10), green)
-    return piece
-
-
-def flowers(rng: Rng, looks: Looks) -> Assembly:
-    """Cut flowers in a vase."""
-    piece, green = Assembly("objects"), _green(looks)
-    high = rng.uniform(0.14, 0.24)
-    shape = [
-        (0.04, 0),
-        (0.055, 0.3 * high),
-        (0.032, 0.8 * high),
-        (0.042, high),
-        (0.036, high),
-        (0.026, 0.8 * high),
-        (0.03, 0.2 * high),
-    ]
-    piece.add(lathe(shape, sides=24), looks.thing())
-    petals = [
-        looks.tiled(
-            "plain",
-            ((0.8, 0.2, 0.25), (0.9, 0.75, 0.25), (0.85, 0.85, 0.85), (0.7, 0.4, 0.65), (0.9, 0.5, 0.2)),
-        )
-        for _ in range(2)
-    ]
-    for k in range(int(rng.integers(5, 12))):
-        a, out = 2.4 * k, rng.uniform(0.02, 0.13)
-        tip = np.array([out * np.cos(a), out * np.sin(a), high + rng.uniform(0.1, 0.22)])
-        piece.add(
-            tube(bow((0, 0, 0.4 * high), (0.1 * tip[0], 0.1 * tip[1], high + 0.05), tip, 5), 0.003, 5), green
-        )
-        size = rng.uniform(0.035, 0.065)
-        piece.add(cushion((size, size, 0.6 * size), tip - [0, 0, 0.2 * size], 0.8, 8), petals[k % 2])
-        piece.add(_whorl(rng, 1, 0.09, 0.03, (0.2, 0.8), 0.6, tip * [0.5, 0.5, 0.75]), green)
-    return piece
-
-
-def hanging_plant(rng: Rng, looks: Looks) -> Assembly:
-    """Trailing vines from a small pot, for the edge of a shelf: they hang over the front (-y), below z = 0."""
-    piece, green = Assembly("objects"), _green(looks)
-    _pot(rng, looks, piece, 0.07, 0.11)
-    for _ in range(int(rng.integers(4, 8))):
-        x, drop = rng.uniform(-0.1, 0.1), rng.uniform(0.15, 0.5)
-        line = np.vstack(
-            [
-                bow((0.3 * x, 0, 0.1), (x, -0.1, 0.2), (x, -0.14, 0.02), 5),
-                [(x * 1.1, -0.15, -0.5 * drop), (x, -0.145, -drop)],
-            ]
-        )
-        piece.add(tube(line, 0.003, 5), green)
-        for at in line[1:]:
-            piece.add(_whorl(rng, 2, 0.06, 0.045, (-0.4, 0.4), 0.8, at), green)
-    piece.add(_whorl(rng, 8, 0.1, 0.05, (0.2, 1.0), 0.9, np.array([0, 0, 0.1])), green)
-    return piece
-
-
-def plant(rng: Rng, looks: Looks) -> Assembly:
+def plant(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A plant for the floor, of any habit."""
     makes = (palm, rubber_plant, rubber_plant, snake_plant)
     k = int(rng.integers(len(makes) + 1))
     return makes[k](rng, looks) if k < len(makes) else decor.plant(rng, looks, rng.uniform(0.8, 1.3))
-
-
-def small_plant(rng: Rng, looks: Looks) -> Assembly:
-    """A plant or flowers for a table, sill or shelf."""
-    makes = (cactus, flowers, snake_plant)
-    k = int(rng.integers(len(makes) + 1))
-    return makes[k](rng, looks) if k < len(makes) else decor.plant(rng, looks, rng.uniform(0.25, 0.45))

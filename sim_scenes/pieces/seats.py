@@ -1,19 +1,18 @@
-"""Chairs of many families, stools and soft seats beside the turned-leg chairs of `furniture`."""
+"""Chairs of many families, office chairs, stools and soft seats."""
 
 import numpy as np
 
 from dsmap.sim_scenes.geometry.lofts import bow, loft, ring, tube
 from dsmap.sim_scenes.geometry.shapes import Shape, box, cushion, cylinder, lathe, merged, rotation_x, sheet
-from dsmap.sim_scenes.pieces import furniture
+from dsmap.sim_scenes.pieces.legs import straight_legs
 from dsmap.sim_scenes.scene import Assembly
 from dsmap.sim_scenes.textures import finishes
 from dsmap.sim_scenes.textures.palette import Looks
-from dsmap.sim_scenes.textures.patterns import Rng
 
 
-def dining_chair(rng: Rng, looks: Looks) -> Assembly:
+def dining_chair(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A chair for a table, of one of five families."""
-    family = (furniture.chair, furniture.chair, upholstered_chair, shell_chair, windsor_chair, folding_chair)
+    family = (chair, chair, upholstered_chair, shell_chair, windsor_chair, folding_chair)
     return family[rng.choice(6, p=[0.2, 0.15, 0.22, 0.18, 0.17, 0.08])](rng, looks)
 
 
@@ -38,7 +37,34 @@ def backrest(width: float, height: float, thick: float, curve: float, lean: floa
     return sheet(points, thick).turned(rotation_x(-lean))
 
 
-def upholstered_chair(rng: Rng, looks: Looks) -> Assembly:
+def chair(rng: np.random.Generator, looks: Looks) -> Assembly:
+    """A dining chair: four legs, a seat (bare or upholstered), a back of slats, rails or a panel."""
+    piece = Assembly("chair")
+    wood, width, depth = looks.wood(), rng.uniform(0.4, 0.46), rng.uniform(0.4, 0.46)
+    sit, back, thick = rng.uniform(0.44, 0.47), rng.uniform(0.82, 1.0), rng.uniform(0.032, 0.045)
+    straight_legs(piece, wood, width, depth, sit - 0.03, thick, True)
+    piece.add(box((width, depth, 0.035), (0, 0, sit - 0.035), 0.01), wood)
+    if rng.random() < 0.6:
+        piece.add(cushion((width - 0.03, depth - 0.04, 0.06), (0, -0.005, sit - 0.005), 0.25), looks.fabric())
+    y = depth / 2 - thick
+    for side in (-1, 1):
+        piece.add(box((thick, thick, back - sit), (side * (width / 2 - thick), y, sit)), wood)
+    inner = width - 3 * thick
+    kind = rng.integers(3)
+    piece.add(box((inner, 0.025, 0.07), (0, y, back - 0.075), 0.006), wood)
+    if kind == 0:
+        for x in np.linspace(-inner / 2 + 0.04, inner / 2 - 0.04, rng.integers(3, 6)):
+            piece.add(box((0.03, 0.018, back - sit - 0.13), (x, y, sit + 0.06)), wood)
+        piece.add(box((inner, 0.022, 0.04), (0, y, sit + 0.05)), wood)
+    elif kind == 1:
+        for z in np.linspace(sit + 0.1, back - 0.17, 2):
+            piece.add(box((inner, 0.022, 0.06), (0, y, z), 0.005), wood)
+    else:
+        piece.add(box((inner, 0.02, back - sit - 0.17), (0, y, sit + 0.08), 0.006), looks.fabric())
+    return piece
+
+
+def upholstered_chair(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A dining chair with a padded seat and a high padded back on four tapered legs, sometimes with arms."""
     piece = Assembly("chair")
     cloth = finishes.leather(looks) if rng.random() < 0.35 else looks.fabric()
@@ -55,7 +81,7 @@ def upholstered_chair(rng: Rng, looks: Looks) -> Assembly:
     return piece
 
 
-def shell_chair(rng: Rng, looks: Looks) -> Assembly:
+def shell_chair(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A moulded plastic or plywood shell on splayed wooden or steel legs."""
     piece = Assembly("chair")
     colour = looks.thing() if rng.random() < 0.7 else looks.wood()
@@ -85,7 +111,7 @@ def shell_chair(rng: Rng, looks: Looks) -> Assembly:
     return piece
 
 
-def windsor_chair(rng: Rng, looks: Looks) -> Assembly:
+def windsor_chair(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A wooden chair with a bowed back of spindles or ladder rungs, sometimes with arms."""
     piece = Assembly("chair")
     wood, width, sit, back = looks.wood(), rng.uniform(0.42, 0.48), 0.45, rng.uniform(0.86, 1.02)
@@ -133,7 +159,7 @@ def windsor_chair(rng: Rng, looks: Looks) -> Assembly:
     return piece
 
 
-def folding_chair(rng: Rng, looks: Looks) -> Assembly:
+def folding_chair(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A folding chair: crossed bars at both sides, a slatted or plain seat and back."""
     piece = Assembly("chair")
     frame = finishes.steel(looks) if rng.random() < 0.5 else looks.wood()
@@ -154,21 +180,7 @@ def folding_chair(rng: Rng, looks: Looks) -> Assembly:
     return piece
 
 
-def stool(rng: Rng, looks: Looks) -> Assembly:
-    """A low stool without a back (NYUv2's 13 classes call it an object)."""
-    piece = Assembly("objects")
-    wood, sit, width = looks.wood(), rng.uniform(0.4, 0.5), rng.uniform(0.3, 0.4)
-    piece.add(splayed_legs(width * 0.55, width * 0.55, sit - 0.02, 0.017, 0.05), wood)
-    if rng.random() < 0.6:
-        edge = [(width / 2 - 0.01, 0), (width / 2, 0.01), (width / 2, 0.03), (width / 2 - 0.01, 0.035)]
-        piece.add(lathe(edge, (0, 0, sit - 0.035)), looks.thing() if rng.random() < 0.3 else wood)
-    else:
-        piece.add(cushion((width, width, 0.08), (0, 0, sit - 0.07), 0.3), looks.fabric())
-    piece.surfaces.append((-width / 4, -width / 4, width / 4, width / 4, sit))
-    return piece
-
-
-def bar_stool(rng: Rng, looks: Looks) -> Assembly:
+def bar_stool(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A high stool with a low back, for a counter: four legs with a foot ring, or one column."""
     piece = Assembly("chair")
     sit, steel = rng.uniform(0.64, 0.8), finishes.steel(looks)
@@ -190,7 +202,48 @@ def bar_stool(rng: Rng, looks: Looks) -> Assembly:
     return piece
 
 
-def beanbag(rng: Rng, looks: Looks) -> Assembly:
+def office_chair(rng: np.random.Generator, looks: Looks) -> Assembly:
+    """A swivel chair on five castors: a low task chair, a high-backed leather one, or one with a mesh back."""
+    piece, kind = Assembly("chair"), int(rng.integers(3))
+    cloth, sit = (finishes.leather(looks) if kind == 1 else looks.fabric()), rng.uniform(0.44, 0.52)
+    base = finishes.steel(looks) if rng.random() < 0.3 else finishes.dark(looks)
+    for angle in np.arange(5) * 2 * np.pi / 5 + 0.3:
+        piece.add(box((0.3, 0.045, 0.035), (0.15, 0, 0.065), 0.008).moved(yaw=angle), base)
+        caster = (
+            cylinder(0.028, 0.045, sides=16).turned(rotation_x(np.pi / 2)).moved((0, 0.022, 0.028), angle)
+        )
+        piece.add(caster.moved((0.28 * np.cos(angle), 0.28 * np.sin(angle), 0)), finishes.dark(looks))
+    piece.add(cylinder(0.03, sit - 0.15, (0, 0, 0.07), 20), base)
+    piece.add(box((0.22, 0.2, 0.03), (0, 0, sit - 0.105)), base)
+    width = rng.uniform(0.46, 0.52)
+    piece.add(cushion((width, 0.48, 0.12 if kind == 1 else 0.09), (0, 0, sit - 0.08), 0.3), cloth)
+    tall = (rng.uniform(0.42, 0.52), rng.uniform(0.62, 0.72), rng.uniform(0.52, 0.62))[kind]
+    thick = (0.08, 0.12, 0.035)[kind]
+    low = 0.03 if kind == 1 else 0.1
+    piece.add(tube([(0, 0.1, sit - 0.09), (0, 0.25, sit - 0.06), (0, 0.29, sit + 0.3)], 0.02), base)
+    back = cushion((width - 0.03, thick, tall), softness=0.3).turned(rotation_x(-0.12))
+    piece.add(
+        back.moved((0, 0.22, sit + low)), finishes.dark(looks) if kind == 2 and rng.random() < 0.6 else cloth
+    )
+    if kind == 2 and rng.random() < 0.5:
+        piece.add(cushion((0.28, 0.07, 0.16), (0, 0.31, sit + tall + 0.1), 0.4), cloth)
+        piece.add(tube([(0, 0.29, sit + 0.3), (0, 0.325, sit + tall + 0.16)], 0.014), base)
+    if kind == 1 or rng.random() < 0.6:
+        for side in (-1, 1):
+            piece.add(
+                box((0.06, 0.27, 0.03), (side * (width / 2 + 0.03), 0.02, sit + 0.19), 0.012),
+                finishes.dark(looks),
+            )
+            post = [
+                (side * 0.1, 0.06, sit - 0.09),
+                (side * (width / 2 + 0.03), 0.06, sit - 0.08),
+                (side * (width / 2 + 0.03), 0.06, sit + 0.2),
+            ]
+            piece.add(tube(post, 0.013), base)
+    return piece
+
+
+def beanbag(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A slack round seat of cloth."""
     piece, size = Assembly("chair"), rng.uniform(0.75, 0.95)
     low = cushion((size, size, 0.45), softness=0.75, rings=20)
@@ -200,7 +253,7 @@ def beanbag(rng: Rng, looks: Looks) -> Assembly:
     return piece
 
 
-def pouf(rng: Rng, looks: Looks) -> Assembly:
+def pouf(rng: np.random.Generator, looks: Looks) -> Assembly:
     """An ottoman: a padded cube or drum."""
     piece, size, high = Assembly("furniture"), rng.uniform(0.4, 0.6), rng.uniform(0.36, 0.44)
     cloth = finishes.leather(looks) if rng.random() < 0.4 else looks.fabric()

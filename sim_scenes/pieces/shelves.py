@@ -9,11 +9,10 @@ from dsmap.sim_scenes.pieces.clutter import pick
 from dsmap.sim_scenes.scene import Assembly
 from dsmap.sim_scenes.textures import finishes
 from dsmap.sim_scenes.textures.palette import Looks
-from dsmap.sim_scenes.textures.patterns import Rng
 
 
 def fill_board(
-    rng: Rng,
+    rng: np.random.Generator,
     looks: Looks,
     piece: Assembly,
     board: tuple[float, float, float, float],
@@ -39,7 +38,7 @@ def fill_board(
         piece.surfaces.append((free[0], y - 0.09, free[1], y + 0.09, z))
 
 
-def wide_bookcase(rng: Rng, looks: Looks, columns: int | None = None) -> Assembly:
+def wide_bookcase(rng: np.random.Generator, looks: Looks, columns: int | None = None) -> Assembly:
     """A library wall of 2 to 4 columns and 5 or 6 boards, full of books."""
     piece, wood = Assembly("furniture"), looks.case()
     columns = int(rng.integers(2, 5)) if columns is None else columns
@@ -62,7 +61,7 @@ def wide_bookcase(rng: Rng, looks: Looks, columns: int | None = None) -> Assembl
     return piece
 
 
-def cube_shelf(rng: Rng, looks: Looks) -> Assembly:
+def cube_shelf(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A grid of square compartments with books, baskets and things."""
     piece, wood = Assembly("furniture"), looks.case()
     columns, rows, cell, depth = int(rng.integers(2, 5)), int(rng.integers(2, 6)), 0.36, 0.39
@@ -90,7 +89,7 @@ def cube_shelf(rng: Rng, looks: Looks) -> Assembly:
     return piece
 
 
-def wall_shelf(rng: Rng, looks: Looks) -> Assembly:
+def wall_shelf(rng: np.random.Generator, looks: Looks) -> Assembly:
     """One to three boards on the wall with books and things; hang it at eye height."""
     piece, wood = Assembly("furniture"), looks.case()
     width, depth, gap = rng.uniform(0.6, 1.2), rng.uniform(0.2, 0.26), rng.uniform(0.32, 0.4)
@@ -105,7 +104,7 @@ def wall_shelf(rng: Rng, looks: Looks) -> Assembly:
     return piece
 
 
-def ladder_shelf(rng: Rng, looks: Looks) -> Assembly:
+def ladder_shelf(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A leaning frame whose boards grow deeper downwards."""
     piece, wood, metal = Assembly("furniture"), looks.wood(), finishes.dark(looks)
     width, height, boards = rng.uniform(0.55, 0.8), rng.uniform(1.6, 1.85), int(rng.integers(4, 6))
@@ -129,7 +128,7 @@ def ladder_shelf(rng: Rng, looks: Looks) -> Assembly:
     return piece
 
 
-def open_rack(rng: Rng, looks: Looks) -> Assembly:
+def open_rack(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A metal or wooden utility rack with boxes, baskets and tins."""
     piece = Assembly("furniture")
     metal = finishes.steel(looks) if rng.random() < 0.6 else looks.wood()
@@ -158,7 +157,7 @@ def open_rack(rng: Rng, looks: Looks) -> Assembly:
     return piece
 
 
-def folder_shelf(rng: Rng, looks: Looks) -> Assembly:
+def folder_shelf(rng: np.random.Generator, looks: Looks) -> Assembly:
     """An office shelf with ring binders, books and paper trays."""
     piece, wood = Assembly("furniture"), looks.case()
     width, depth, gap, boards = rng.uniform(0.8, 1.1), 0.36, 0.37, int(rng.integers(3, 6))

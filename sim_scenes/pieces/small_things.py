@@ -10,10 +10,9 @@ from dsmap.sim_scenes.geometry.shapes import Shape, box, cushion, cylinder, lath
 from dsmap.sim_scenes.scene import Assembly
 from dsmap.sim_scenes.textures import art, finishes
 from dsmap.sim_scenes.textures.palette import Looks
-from dsmap.sim_scenes.textures.patterns import Rng
 
 
-def basket(rng: Rng, looks: Looks) -> Assembly:
+def basket(rng: np.random.Generator, looks: Looks) -> Assembly:
     """An open basket or storage bin of wicker, plastic or cloth."""
     piece = Assembly("objects")
     skin = (finishes.wicker, Looks.thing, Looks.fabric)[rng.integers(3)](looks)
@@ -24,7 +23,7 @@ def basket(rng: Rng, looks: Looks) -> Assembly:
     return piece
 
 
-def parcel(rng: Rng, looks: Looks) -> Assembly:
+def parcel(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A cardboard box with tape, closed or with open flaps."""
     piece = Assembly("objects")
     size = np.array([rng.uniform(0.25, 0.5), rng.uniform(0.2, 0.4), rng.uniform(0.15, 0.38)])
@@ -46,7 +45,7 @@ def parcel(rng: Rng, looks: Looks) -> Assembly:
     return piece
 
 
-def toy_blocks(rng: Rng, looks: Looks) -> Assembly:
+def toy_blocks(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A little tower of building blocks."""
     piece, z, colours = Assembly("objects"), 0.0, [looks.thing() for _ in range(3)]
     for k in range(int(rng.integers(2, 6))):
@@ -61,7 +60,7 @@ def toy_blocks(rng: Rng, looks: Looks) -> Assembly:
     return piece
 
 
-def toy_car(rng: Rng, looks: Looks) -> Assembly:
+def toy_car(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A toy car or truck of 12 to 28 cm."""
     piece, long = Assembly("objects"), rng.uniform(0.12, 0.28)
     w, r = 0.45 * long, 0.11 * long
@@ -85,7 +84,7 @@ def toy_car(rng: Rng, looks: Looks) -> Assembly:
     return piece
 
 
-def teddy(rng: Rng, looks: Looks) -> Assembly:
+def teddy(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A sitting soft toy."""
     piece, h, fur = Assembly("objects"), rng.uniform(0.2, 0.38), looks.fabric()
     piece.add(cushion((0.55 * h, 0.45 * h, 0.6 * h), softness=0.9, rings=12), fur)
@@ -100,14 +99,14 @@ def teddy(rng: Rng, looks: Looks) -> Assembly:
     return piece
 
 
-def remote(rng: Rng, looks: Looks) -> Assembly:
+def remote(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A remote control or a telephone handset."""
     piece = Assembly("objects")
     piece.add(box((0.05, rng.uniform(0.13, 0.2), 0.018), bevel=0.006), finishes.dark(looks))
     return piece
 
 
-def pens(rng: Rng, looks: Looks) -> Assembly:
+def pens(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A cup with pens."""
     piece = Assembly("objects")
     piece.add(lathe([(0.036, 0), (0.04, 0.1), (0.037, 0.1), (0.034, 0.01)], sides=20), looks.thing())
@@ -118,7 +117,7 @@ def pens(rng: Rng, looks: Looks) -> Assembly:
     return piece
 
 
-def clock(rng: Rng, looks: Looks) -> Assembly:
+def clock(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A table or alarm clock."""
     piece, r = Assembly("objects"), rng.uniform(0.05, 0.09)
     drum = cylinder(r, 0.05, sides=28).turned(rotation_x(np.pi / 2)).moved((0, 0.025, r + 0.01))
@@ -134,7 +133,7 @@ def clock(rng: Rng, looks: Looks) -> Assembly:
     return piece
 
 
-def photo_frame(rng: Rng, looks: Looks) -> Assembly:
+def photo_frame(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A small framed photograph leaning on its stand (class picture)."""
     piece = Assembly("picture")
     image = art.painting(rng)
@@ -149,7 +148,7 @@ def photo_frame(rng: Rng, looks: Looks) -> Assembly:
     return piece
 
 
-def globe(rng: Rng, looks: Looks) -> Assembly:
+def globe(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A globe on a foot."""
     piece, d = Assembly("objects"), rng.uniform(0.2, 0.3)
     piece.add(lathe([(0.3 * d, 0), (0.3 * d, 0.012), (0.015, 0.03), (0.012, 0.09)], sides=24), looks.metal)
@@ -162,7 +161,7 @@ def globe(rng: Rng, looks: Looks) -> Assembly:
     return piece
 
 
-def speaker(rng: Rng, looks: Looks) -> Assembly:
+def speaker(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A shelf loudspeaker with two cones."""
     piece, w, h = Assembly("objects"), rng.uniform(0.13, 0.2), rng.uniform(0.22, 0.36)
     piece.add(box((w, 0.9 * w, h), bevel=0.005), looks.wood() if rng.random() < 0.5 else finishes.dark(looks))
@@ -174,7 +173,7 @@ def speaker(rng: Rng, looks: Looks) -> Assembly:
     return piece
 
 
-def tissue_box(rng: Rng, looks: Looks) -> Assembly:
+def tissue_box(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A box of tissues with one pulled out."""
     piece = Assembly("objects")
     piece.add(box((0.23, 0.12, rng.uniform(0.06, 0.1)), bevel=0.003), looks.thing())
@@ -193,7 +192,7 @@ def tissue_box(rng: Rng, looks: Looks) -> Assembly:
     return piece
 
 
-def soap_bottle(rng: Rng, looks: Looks) -> Assembly:
+def soap_bottle(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A pump or shampoo bottle."""
     piece, h = Assembly("objects"), rng.uniform(0.12, 0.22)
     w, d = rng.uniform(0.055, 0.08), rng.uniform(0.04, 0.05)
@@ -212,7 +211,7 @@ def soap_bottle(rng: Rng, looks: Looks) -> Assembly:
     return piece
 
 
-def open_book(rng: Rng, looks: Looks) -> Assembly:
+def open_book(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A book that lies open."""
     piece, w, h = Assembly("books"), rng.uniform(0.13, 0.18), rng.uniform(0.2, 0.27)
     piece.add(box((2 * w + 0.01, h + 0.01, 0.004)), looks.thing())

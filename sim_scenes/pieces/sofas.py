@@ -3,14 +3,14 @@
 import numpy as np
 
 from dsmap.sim_scenes.geometry.shapes import Shape, box, cushion, rotation_x, rotation_z
+from dsmap.sim_scenes.pieces.legs import straight_legs
 from dsmap.sim_scenes.pieces.soft_goods import draped_blanket, throw_cushion
 from dsmap.sim_scenes.scene import Assembly
 from dsmap.sim_scenes.textures import finishes
 from dsmap.sim_scenes.textures.palette import Looks
-from dsmap.sim_scenes.textures.patterns import Rng
 
 
-def _cloth(rng: Rng, looks: Looks) -> str:
+def _cloth(rng: np.random.Generator, looks: Looks) -> str:
     return finishes.leather(looks) if rng.random() < 0.25 else looks.fabric()
 
 
@@ -25,7 +25,9 @@ def _row(seats: int, seat: float, depth: float, sit: float, back: float) -> list
     return shapes
 
 
-def throw_on(rng: Rng, looks: Looks, piece: Assembly, width: float, y: float, sit: float, count: int) -> None:
+def throw_on(
+    rng: np.random.Generator, looks: Looks, piece: Assembly, width: float, y: float, sit: float, count: int
+) -> None:
     """Lean `count` cushions against the back of a seat of a given width [m], from both ends inwards."""
     for k in range(count):
         side = -1 if k % 2 == 0 else 1
@@ -34,7 +36,37 @@ def throw_on(rng: Rng, looks: Looks, piece: Assembly, width: float, y: float, si
         piece.attach(leaning, (x, y, sit), side * rng.uniform(-0.25, 0.15))
 
 
-def corner_sofa(rng: Rng, looks: Looks) -> Assembly:
+def sofa(rng: np.random.Generator, looks: Looks, seats: int = 3) -> Assembly:
+    """A sofa of 1 (armchair), 2 or 3 seats with separate cushions and, mostly, throw pillows."""
+    piece = Assembly("sofa")
+    cloth, seat_cloth = looks.fabric(), looks.fabric() if rng.random() < 0.3 else None
+    seat_cloth = seat_cloth or cloth
+    seat, depth, arm = rng.uniform(0.58, 0.68), rng.uniform(0.82, 0.95), rng.uniform(0.12, 0.2)
+    width, base, sit = seats * seat + 2 * arm, rng.uniform(0.08, 0.14), rng.uniform(0.40, 0.46)
+    back, arm_height = rng.uniform(0.78, 0.92), rng.uniform(0.56, 0.66)
+    piece.add(box((width - 0.02, depth - 0.04, sit - 0.14 - base), (0, 0, base), 0.015), cloth)
+    piece.add(box((width - 0.04, 0.22, back - base), (0, depth / 2 - 0.11, base), 0.04), cloth)
+    for side in (-1, 1):
+        piece.add(box((arm, depth, arm_height - base), (side * (width - arm) / 2, 0, base), 0.035), cloth)
+    for k in range(seats):
+        x = (k - (seats - 1) / 2) * seat
+        piece.add(cushion((seat - 0.01, depth - 0.24, 0.17), (x, -0.11, sit - 0.16), 0.22), seat_cloth)
+        slant = cushion((seat - 0.02, 0.2, back - sit + 0.04), softness=0.3).turned(rotation_x(-0.2))
+        piece.add(slant.moved((x, depth / 2 - 0.36, sit - 0.01)), seat_cloth)
+    straight_legs(piece, looks.wood(), width - 0.06, depth - 0.06, base, 0.06, rng.random() < 0.5)
+    for _ in range(rng.integers(0, 1 + min(seats, 2) + 1)):
+        side = rng.choice([-1, 1])
+        x = side * (width / 2 - arm - 0.24 - rng.uniform(0, 0.1)) if seats > 1 else 0.0
+        pillow = cushion((0.42, 0.14, 0.4), softness=0.55).turned(rotation_x(-0.45))
+        thrown = Assembly("objects")
+        thrown.add(pillow, looks.fabric())
+        piece.attach(thrown, (x, -0.02, sit + 0.02), side * rng.uniform(-0.3, 0.1))
+        if seats == 1:
+            break
+    return piece
+
+
+def corner_sofa(rng: np.random.Generator, looks: Looks) -> Assembly:
     """An L-shaped sofa: a row of seats along the wall and a long seat (chaise) forward at one end."""
     piece = Assembly("sofa")
     cloth, seats, hand = _cloth(rng, looks), int(rng.integers(2, 4)), rng.choice([-1, 1])
@@ -67,7 +99,7 @@ def corner_sofa(rng: Rng, looks: Looks) -> Assembly:
     return piece
 
 
-def armchair(rng: Rng, looks: Looks) -> Assembly:
+def armchair(rng: np.random.Generator, looks: Looks) -> Assembly:
     """An easy chair: boxy, round-backed (tub), or winged, with a loose seat cushion."""
     piece = Assembly("sofa")
     cloth, wood = _cloth(rng, looks), looks.wood()
@@ -108,7 +140,7 @@ def armchair(rng: Rng, looks: Looks) -> Assembly:
     return piece
 
 
-def day_bed(rng: Rng, looks: Looks) -> Assembly:
+def day_bed(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A chaise longue: a long padded seat on short legs with one raised end."""
     piece = Assembly("sofa")
     cloth, width, depth, sit = _cloth(rng, looks), rng.uniform(1.5, 1.8), rng.uniform(0.65, 0.75), 0.42

@@ -7,10 +7,10 @@ from dsmap.sim_scenes.geometry.shapes import Shape, box, cushion, rotation_x, sh
 from dsmap.sim_scenes.scene import Assembly
 from dsmap.sim_scenes.textures import finishes
 from dsmap.sim_scenes.textures.palette import Looks
-from dsmap.sim_scenes.textures.patterns import Rng, noise
+from dsmap.sim_scenes.textures.patterns import noise
 
 
-def throw_cushion(rng: Rng, looks: Looks, upright: bool = False) -> Assembly:
+def throw_cushion(rng: np.random.Generator, looks: Looks, upright: bool = False) -> Assembly:
     """A square sofa cushion with pulled-out corners, lying, or (`upright`) leaning back on its lower edge."""
     piece, size, thick = Assembly("objects", name="cushion"), rng.uniform(0.36, 0.5), rng.uniform(0.12, 0.17)
     if upright:
@@ -21,7 +21,7 @@ def throw_cushion(rng: Rng, looks: Looks, upright: bool = False) -> Assembly:
     return piece
 
 
-def pillow(rng: Rng, looks: Looks) -> Assembly:
+def pillow(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A bed pillow, lying."""
     piece = Assembly("objects", name="pillow")
     piece.add(
@@ -52,7 +52,9 @@ def _pillow(width: float, depth: float, thick: float, cells: int = 14) -> Shape:
     return Shape(points, np.concatenate([faces, faces[:, ::-1] + shift, side]), points[:, :2] * [1, -1])
 
 
-def draped_blanket(rng: Rng, looks: Looks, width: float, depth: float, drop: float) -> Assembly:
+def draped_blanket(
+    rng: np.random.Generator, looks: Looks, width: float, depth: float, drop: float
+) -> Assembly:
     """A throw that lies over a seat (z = 0) from back to front and hangs `drop` [m] over the front edge."""
     piece = Assembly("objects", name="blanket")
     rows, columns = 30, 17
@@ -68,7 +70,7 @@ def draped_blanket(rng: Rng, looks: Looks, width: float, depth: float, drop: flo
     return piece
 
 
-def garment_heap(rng: Rng, looks: Looks) -> Assembly:
+def garment_heap(rng: np.random.Generator, looks: Looks) -> Assembly:
     """Clothes dropped in a heap."""
     piece = Assembly("objects")
     size = np.array([rng.uniform(0.3, 0.5), rng.uniform(0.25, 0.4), rng.uniform(0.07, 0.14)])
@@ -80,7 +82,7 @@ def garment_heap(rng: Rng, looks: Looks) -> Assembly:
     return piece
 
 
-def folded_clothes(rng: Rng, looks: Looks) -> Assembly:
+def folded_clothes(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A pile of 1 to 5 folded shirts or sheets."""
     piece, z = Assembly("objects"), 0.0
     width, depth = rng.uniform(0.24, 0.34), rng.uniform(0.22, 0.3)
@@ -94,7 +96,7 @@ def folded_clothes(rng: Rng, looks: Looks) -> Assembly:
     return piece
 
 
-def towel_stack(rng: Rng, looks: Looks) -> Assembly:
+def towel_stack(rng: np.random.Generator, looks: Looks) -> Assembly:
     """Folded towels."""
     piece, z, cloth = Assembly("objects"), 0.0, finishes.towelling(looks)
     for k in range(int(rng.integers(2, 5))):
@@ -106,14 +108,14 @@ def towel_stack(rng: Rng, looks: Looks) -> Assembly:
     return piece
 
 
-def hanging_towel(rng: Rng, looks: Looks, width: float, height: float) -> Assembly:
+def hanging_towel(rng: np.random.Generator, looks: Looks, width: float, height: float) -> Assembly:
     """A towel over a bar at z = 0, y = 0: the front layer hangs `height` [m], the back a little less."""
     piece = Assembly("objects")
     piece.add(_over_bar(rng, width, height, 0.013), finishes.towelling(looks))
     return piece
 
 
-def _over_bar(rng: Rng, width: float, height: float, radius: float) -> Shape:
+def _over_bar(rng: np.random.Generator, width: float, height: float, radius: float) -> Shape:
     back = height * rng.uniform(0.7, 0.95)
     turn = np.linspace(np.pi, 0, 7)[1:-1]
     front = np.linspace(-height, 0, 9)
@@ -128,7 +130,7 @@ def _over_bar(rng: Rng, width: float, height: float, radius: float) -> Shape:
     return sheet(points, 0.007)
 
 
-def hung_garment(rng: Rng, looks: Looks, height: float | None = None) -> Assembly:
+def hung_garment(rng: np.random.Generator, looks: Looks, height: float | None = None) -> Assembly:
     """A coat or jacket on a hook: its collar at z = 0, hanging down; back at y = 0.1."""
     piece = Assembly("objects", name="garment")
     tall, wide = rng.uniform(0.6, 1.0) if height is None else height, rng.uniform(0.3, 0.44)
@@ -156,7 +158,7 @@ def hung_garment(rng: Rng, looks: Looks, height: float | None = None) -> Assembl
     return piece
 
 
-def backpack(rng: Rng, looks: Looks) -> Assembly:
+def backpack(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A rucksack standing on the floor."""
     piece, cloth = Assembly("objects"), looks.fabric()
     w, d, h = rng.uniform(0.28, 0.34), rng.uniform(0.16, 0.2), rng.uniform(0.4, 0.5)
@@ -184,7 +186,7 @@ def backpack(rng: Rng, looks: Looks) -> Assembly:
     return piece
 
 
-def handbag(rng: Rng, looks: Looks) -> Assembly:
+def handbag(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A bag with two handles, of leather or cloth."""
     piece = Assembly("objects")
     skin = finishes.leather(looks) if rng.random() < 0.6 else looks.fabric()
@@ -200,7 +202,7 @@ def handbag(rng: Rng, looks: Looks) -> Assembly:
     return piece
 
 
-def shoes(rng: Rng, looks: Looks) -> Assembly:
+def shoes(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A pair of shoes or boots, toes towards -y."""
     piece = Assembly("objects")
     upper = finishes.leather(looks) if rng.random() < 0.5 else looks.thing()
@@ -227,7 +229,7 @@ def shoes(rng: Rng, looks: Looks) -> Assembly:
     return piece
 
 
-def bath_mat(rng: Rng, looks: Looks) -> Assembly:
+def bath_mat(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A thick mat before a tub (class floor, like a rug)."""
     piece = Assembly("floor", name="bath_mat")
     piece.add(

@@ -8,10 +8,9 @@ from dsmap.sim_scenes.pieces.books import row_of_books
 from dsmap.sim_scenes.scene import Assembly
 from dsmap.sim_scenes.textures import finishes
 from dsmap.sim_scenes.textures.palette import Looks
-from dsmap.sim_scenes.textures.patterns import Rng
 
 
-def bookshelf(rng: Rng, looks: Looks) -> Assembly:
+def bookshelf(rng: np.random.Generator, looks: Looks) -> Assembly:
     """An open shelf of 3 to 5 boards with rows of books and room for things."""
     piece = Assembly("furniture")
     wood, width, depth = looks.case(), rng.uniform(0.75, 1.2), rng.uniform(0.27, 0.33)
@@ -64,7 +63,7 @@ def _fronts(
 
 
 def cabinet(
-    rng: Rng, looks: Looks, width: float, depth: float, height: float, grid: tuple[int, int]
+    rng: np.random.Generator, looks: Looks, width: float, depth: float, height: float, grid: tuple[int, int]
 ) -> Assembly:
     """A closed case on a plinth or feet with doors or drawers (rows, columns) and a top to stand things on."""
     piece = Assembly("furniture")
@@ -85,7 +84,7 @@ def cabinet(
     return piece
 
 
-def tv_cabinet(rng: Rng, looks: Looks) -> Assembly:
+def tv_cabinet(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A long low cabinet for a television."""
     return cabinet(
         rng,
@@ -97,13 +96,13 @@ def tv_cabinet(rng: Rng, looks: Looks) -> Assembly:
     )
 
 
-def dresser(rng: Rng, looks: Looks) -> Assembly:
+def dresser(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A chest of drawers."""
     grid = (int(rng.integers(3, 5)), int(rng.integers(1, 3)))
     return cabinet(rng, looks, rng.uniform(0.75, 1.2), rng.uniform(0.42, 0.5), rng.uniform(0.76, 0.95), grid)
 
 
-def wardrobe(rng: Rng, looks: Looks) -> Assembly:
+def wardrobe(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A wardrobe of two or three tall hinged doors, or of two sliding ones, sometimes with a mirror."""
     doors = int(rng.integers(2, 4))
     if rng.random() < 0.65:
@@ -116,7 +115,7 @@ def wardrobe(rng: Rng, looks: Looks) -> Assembly:
     return _sliding_wardrobe(rng, looks)
 
 
-def _sliding_wardrobe(rng: Rng, looks: Looks) -> Assembly:
+def _sliding_wardrobe(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A wide wardrobe whose two doors slide past each other."""
     piece = Assembly("furniture")
     width, depth, height = rng.uniform(1.5, 2.1), rng.uniform(0.6, 0.66), rng.uniform(2.0, 2.2)
@@ -141,13 +140,13 @@ def _sliding_wardrobe(rng: Rng, looks: Looks) -> Assembly:
     return piece
 
 
-def sideboard(rng: Rng, looks: Looks) -> Assembly:
+def sideboard(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A long waist-high cabinet of doors, or of doors and drawers."""
     grid = (int(rng.integers(1, 3)), int(rng.integers(2, 5)))
     return cabinet(rng, looks, rng.uniform(1.2, 1.8), rng.uniform(0.38, 0.46), rng.uniform(0.72, 0.9), grid)
 
 
-def filing_cabinet(rng: Rng, looks: Looks) -> Assembly:
+def filing_cabinet(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A steel cabinet of 2 to 4 drawers with label holders and pulls."""
     piece, drawers = Assembly("furniture"), int(rng.integers(2, 5))
     width, depth, step = rng.uniform(0.38, 0.47), rng.uniform(0.5, 0.62), rng.uniform(0.29, 0.33)
@@ -168,7 +167,7 @@ def filing_cabinet(rng: Rng, looks: Looks) -> Assembly:
     return piece
 
 
-def pedestal(rng: Rng, looks: Looks, depth: float, height: float) -> Assembly:
+def pedestal(rng: np.random.Generator, looks: Looks, depth: float, height: float) -> Assembly:
     """Three drawers that stand under a desk."""
     piece, front = Assembly("furniture"), looks.case()
     piece.add(box((0.42, depth - 0.02, height - 0.02), (0, 0.01, 0.02)), front)
@@ -179,7 +178,7 @@ def pedestal(rng: Rng, looks: Looks, depth: float, height: float) -> Assembly:
     return piece
 
 
-def toy_chest(rng: Rng, looks: Looks) -> Assembly:
+def toy_chest(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A low open rack with coloured bins."""
     piece = Assembly("furniture")
     columns, rows, cell = int(rng.integers(2, 4)), int(rng.integers(2, 4)), rng.uniform(0.3, 0.36)
@@ -205,7 +204,7 @@ def toy_chest(rng: Rng, looks: Looks) -> Assembly:
     return piece
 
 
-def nightstand(rng: Rng, looks: Looks) -> Assembly:
+def nightstand(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A small case beside a bed."""
     return cabinet(
         rng,

@@ -5,13 +5,13 @@ import numpy as np
 from dsmap.sim_scenes.geometry.lofts import loft, ring, tube
 from dsmap.sim_scenes.geometry.shapes import box, cylinder, lathe, merged
 from dsmap.sim_scenes.pieces import storage
+from dsmap.sim_scenes.pieces.legs import straight_legs
 from dsmap.sim_scenes.scene import Assembly
 from dsmap.sim_scenes.textures import finishes
 from dsmap.sim_scenes.textures.palette import Looks
-from dsmap.sim_scenes.textures.patterns import Rng
 
 
-def _board(rng: Rng, looks: Looks) -> str:
+def _board(rng: np.random.Generator, looks: Looks) -> str:
     return (
         finishes.stone(looks) if rng.random() < 0.1 else looks.white if rng.random() < 0.2 else looks.wood()
     )
@@ -48,7 +48,60 @@ def _frame_legs(piece: Assembly, material: str, width: float, depth: float, heig
         piece.add(box((2 * x - 0.1, 0.03, 0.05), (0, 0, height - 0.05)), material)
 
 
-def dining_table(rng: Rng, looks: Looks, seats: int = 4) -> Assembly:
+def table(rng: np.random.Generator, looks: Looks, width: float, depth: float, height: float) -> Assembly:
+    """A table with four legs and an apron, or a round top on one foot where it is nearly square."""
+    piece = Assembly("table")
+    wood = looks.wood()
+    top = looks.wood() if rng.random() < 0.3 else wood
+    thick = rng.uniform(0.025, 0.045)
+    if abs(width - depth) < 0.06:
+        radius = width / 2
+        edge = [(radius - 0.008, 0), (radius, 0.008), (radius, thick - 0.008), (radius - 0.008, thick)]
+        piece.add(lathe(edge, (0, 0, height - thick), 48), top)
+        foot = [(radius * 0.55, 0), (radius * 0.52, 0.03), (0.06, 0.07), (0.045, 0.2), (0.05, height - thick)]
+        piece.add(lathe(foot, sides=32), wood)
+        inner = 0.66 * radius
+    else:
+        piece.add(box((width, depth, thick), (0, 0, height - thick), 0.008), top)
+        leg = rng.uniform(0.045, 0.075)
+        straight_legs(piece, wood, width - 0.04, depth - 0.04, height - thick, leg, rng.random() < 0.7)
+        apron = min(0.09, 0.2 * height)
+        for side in (-1, 1):
+            piece.add(
+                box(
+                    (width - 4 * leg, 0.02, apron),
+                    (0, side * (depth / 2 - 1.2 * leg), height - thick - apron),
+                ),
+                wood,
+            )
+            piece.add(
+                box(
+                    (0.02, depth - 4 * leg, apron),
+                    (side * (width / 2 - 1.2 * leg), 0, height - thick - apron),
+                ),
+                wood,
+            )
+        inner = 0.0
+    x, y = (inner, inner) if inner else (width / 2 - 0.06, depth / 2 - 0.06)
+    piece.surfaces.append((-x, -y, x, y, height))
+    return piece
+
+
+def coffee_table(rng: np.random.Generator, looks: Looks) -> Assembly:
+    """A low table, with a shelf under the top at times."""
+    width, depth, height = rng.uniform(0.85, 1.2), rng.uniform(0.5, 0.65), rng.uniform(0.38, 0.46)
+    if rng.random() < 0.25:
+        width = depth = rng.uniform(0.75, 0.95)
+    piece = table(rng, looks, width, depth, height)
+    if width != depth and rng.random() < 0.5:
+        piece.add(box((width - 0.16, depth - 0.16, 0.02), (0, 0, 0.12)), looks.wood())
+        piece.surfaces.append(
+            (-width / 2 + 0.16, -depth / 2 + 0.14, width / 2 - 0.16, depth / 2 - 0.14, 0.14)
+        )
+    return piece
+
+
+def dining_table(rng: np.random.Generator, looks: Looks, seats: int = 4) -> Assembly:
     """A rectangular or oval table for 2 to 10 people."""
     piece = Assembly("table")
     width = max(0.75, 0.6 * np.ceil(seats / 2) + rng.uniform(0.0, 0.25))
@@ -67,7 +120,7 @@ def dining_table(rng: Rng, looks: Looks, seats: int = 4) -> Assembly:
     return piece
 
 
-def round_table(rng: Rng, looks: Looks) -> Assembly:
+def round_table(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A round table of 0.7 to 1.25 m on a foot or four splayed legs."""
     piece = Assembly("table")
     radius, height = rng.uniform(0.36, 0.62), rng.uniform(0.72, 0.76)
@@ -89,7 +142,7 @@ def round_table(rng: Rng, looks: Looks) -> Assembly:
     return piece
 
 
-def low_table(rng: Rng, looks: Looks) -> Assembly:
+def low_table(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A coffee table of another shape: oval, a drum, a slab on a box, or two boards on a metal frame."""
     piece, kind = Assembly("table"), int(rng.integers(4))
     width, depth, height = rng.uniform(0.85, 1.25), rng.uniform(0.5, 0.7), rng.uniform(0.34, 0.46)
@@ -119,7 +172,7 @@ def low_table(rng: Rng, looks: Looks) -> Assembly:
     return piece
 
 
-def side_table(rng: Rng, looks: Looks) -> Assembly:
+def side_table(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A small table beside a sofa: round on one leg, or a cube frame with two boards."""
     piece, size, height = Assembly("table"), rng.uniform(0.36, 0.5), rng.uniform(0.45, 0.6)
     top, metal = _board(rng, looks), finishes.dark(looks)
@@ -143,7 +196,7 @@ def side_table(rng: Rng, looks: Looks) -> Assembly:
     return piece
 
 
-def console_table(rng: Rng, looks: Looks) -> Assembly:
+def console_table(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A narrow table for a corridor, with a drawer or a lower shelf."""
     piece = Assembly("table")
     width, depth, height = rng.uniform(0.8, 1.25), rng.uniform(0.28, 0.38), rng.uniform(0.76, 0.88)
@@ -157,7 +210,9 @@ def console_table(rng: Rng, looks: Looks) -> Assembly:
     return piece
 
 
-def desk(rng: Rng, looks: Looks, width: float | None = None, depth: float | None = None) -> Assembly:
+def desk(
+    rng: np.random.Generator, looks: Looks, width: float | None = None, depth: float | None = None
+) -> Assembly:
     """A work desk: legs or frame, with a pedestal of drawers at one side two times of three."""
     piece = Assembly("table")
     width = rng.uniform(1.1, 1.7) if width is None else width
@@ -178,7 +233,7 @@ def desk(rng: Rng, looks: Looks, width: float | None = None, depth: float | None
     return piece
 
 
-def standing_desk(rng: Rng, looks: Looks) -> Assembly:
+def standing_desk(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A desk on two lifting columns, at sitting or standing height."""
     piece = Assembly("table")
     width, depth = rng.uniform(1.2, 1.7), rng.uniform(0.65, 0.8)
@@ -196,7 +251,7 @@ def standing_desk(rng: Rng, looks: Looks) -> Assembly:
     return piece
 
 
-def corner_desk(rng: Rng, looks: Looks) -> Assembly:
+def corner_desk(rng: np.random.Generator, looks: Looks) -> Assembly:
     """An L-shaped desk: the long board at the back (+y), the short one along one side."""
     piece = Assembly("table")
     width, reach, depth, height = rng.uniform(1.4, 1.8), rng.uniform(1.2, 1.5), 0.62, 0.73

@@ -10,10 +10,11 @@ from dsmap.sim_scenes.geometry.shapes import box, cylinder, lathe, panel, rotati
 from dsmap.sim_scenes.scene import Assembly
 from dsmap.sim_scenes.textures import art, finishes, screens
 from dsmap.sim_scenes.textures.palette import Looks
-from dsmap.sim_scenes.textures.patterns import Rng
 
 
-def framed(rng: Rng, looks: Looks, height: float, frame: str, rim: float, mount: float) -> Assembly:
+def framed(
+    rng: np.random.Generator, looks: Looks, height: float, frame: str, rim: float, mount: float
+) -> Assembly:
     """A picture of a given height without its frame [m]: rim of the frame, white mount around the image."""
     piece, image = Assembly("picture"), art.painting(rng)
     width = height * image.shape[1] / image.shape[0]
@@ -27,13 +28,13 @@ def framed(rng: Rng, looks: Looks, height: float, frame: str, rim: float, mount:
     return piece
 
 
-def _frame(rng: Rng, looks: Looks) -> str:
+def _frame(rng: np.random.Generator, looks: Looks) -> str:
     return (looks.wood, lambda: looks.metal, lambda: finishes.dark(looks), lambda: looks.white)[
         rng.integers(4)
     ]()
 
 
-def picture(rng: Rng, looks: Looks) -> Assembly:
+def picture(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A framed picture of 0.2 to 1.1 m, or a canvas without a frame."""
     height = rng.uniform(0.2, 0.45) if rng.random() < 0.4 else rng.uniform(0.45, 0.95)
     if rng.random() < 0.2:
@@ -46,7 +47,7 @@ def picture(rng: Rng, looks: Looks) -> Assembly:
     return framed(rng, looks, height, _frame(rng, looks), rng.uniform(0.015, 0.06), mount)
 
 
-def gallery(rng: Rng, looks: Looks) -> Assembly:
+def gallery(rng: np.random.Generator, looks: Looks) -> Assembly:
     """Three to nine small pictures hung in rows with equal frames."""
     piece, frame = Assembly("picture"), _frame(rng, looks)
     columns, rows, height = int(rng.integers(2, 5)), int(rng.integers(1, 4)), rng.uniform(0.17, 0.3)
@@ -65,7 +66,7 @@ def gallery(rng: Rng, looks: Looks) -> Assembly:
     return piece
 
 
-def poster(rng: Rng, looks: Looks) -> Assembly:
+def poster(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A sheet of paper on the wall."""
     piece, image = (
         Assembly("picture"),
@@ -77,7 +78,7 @@ def poster(rng: Rng, looks: Looks) -> Assembly:
     return piece
 
 
-def wall_clock(rng: Rng, looks: Looks) -> Assembly:
+def wall_clock(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A round clock with two hands (an object)."""
     piece, r = Assembly("objects"), rng.uniform(0.12, 0.2)
     turn = rotation_x(np.pi / 2)
@@ -100,7 +101,7 @@ def wall_clock(rng: Rng, looks: Looks) -> Assembly:
     return piece
 
 
-def wall_television(rng: Rng, looks: Looks, width: float | None = None) -> Assembly:
+def wall_television(rng: np.random.Generator, looks: Looks, width: float | None = None) -> Assembly:
     """A flat television on the wall (class tv)."""
     piece, width = Assembly("tv"), rng.uniform(0.8, 1.45) if width is None else width
     height, image = width * 0.5625, screens.screen(rng)

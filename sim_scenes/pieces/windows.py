@@ -11,16 +11,15 @@ from dsmap.sim_scenes.geometry.shapes import Shape, box, rotation_x, sheet
 from dsmap.sim_scenes.scene import Assembly
 from dsmap.sim_scenes.textures import finishes
 from dsmap.sim_scenes.textures.palette import Looks
-from dsmap.sim_scenes.textures.patterns import Rng
 
 
-def dressing(rng: Rng, looks: Looks, width: float, low: float, high: float) -> Assembly:
+def dressing(rng: np.random.Generator, looks: Looks, width: float, low: float, high: float) -> Assembly:
     """One of the kinds below."""
     kinds = (curtains, curtains, roller_blind, venetian_blind, roman_blind)
     return kinds[int(rng.integers(len(kinds)))](rng, looks, width, low, high)
 
 
-def drape(rng: Rng, width: float, height: float) -> Shape:
+def drape(rng: np.random.Generator, width: float, height: float) -> Shape:
     """A hanging cloth in folds that widen towards the floor, bottom centre at the origin."""
     rows, folds = 12, max(3, int(round(width * rng.uniform(9, 14))))
     columns = 10 * folds + 1
@@ -33,7 +32,7 @@ def drape(rng: Rng, width: float, height: float) -> Shape:
     return sheet(points, 0.005)
 
 
-def curtains(rng: Rng, looks: Looks, width: float, low: float, high: float) -> Assembly:
+def curtains(rng: np.random.Generator, looks: Looks, width: float, low: float, high: float) -> Assembly:
     """A pair on a rod, drawn open by some amount or nearly closed, to the floor or just below the sill."""
     piece, cloth = Assembly("window", name="curtains"), looks.fabric()
     top = high + rng.uniform(0.1, 0.2)
@@ -55,7 +54,7 @@ def curtains(rng: Rng, looks: Looks, width: float, low: float, high: float) -> A
     return piece
 
 
-def roller_blind(rng: Rng, looks: Looks, width: float, low: float, high: float) -> Assembly:
+def roller_blind(rng: np.random.Generator, looks: Looks, width: float, low: float, high: float) -> Assembly:
     """A cloth that rolls onto a tube above the window, pulled down by some amount."""
     piece, wide = Assembly("window", name="blind"), width + 0.06
     drop = rng.uniform(0.15, 0.95) * (high - low)
@@ -70,7 +69,7 @@ def roller_blind(rng: Rng, looks: Looks, width: float, low: float, high: float) 
     return piece
 
 
-def venetian_blind(rng: Rng, looks: Looks, width: float, low: float, high: float) -> Assembly:
+def venetian_blind(rng: np.random.Generator, looks: Looks, width: float, low: float, high: float) -> Assembly:
     """Slats between cords, let down by some amount; what is not let down is a pile under the head rail."""
     piece, wide = Assembly("window", name="blind"), width + 0.05
     slat = (
@@ -90,7 +89,7 @@ def venetian_blind(rng: Rng, looks: Looks, width: float, low: float, high: float
     return piece
 
 
-def roman_blind(rng: Rng, looks: Looks, width: float, low: float, high: float) -> Assembly:
+def roman_blind(rng: np.random.Generator, looks: Looks, width: float, low: float, high: float) -> Assembly:
     """A cloth that gathers upwards in a few broad folds."""
     piece, wide = Assembly("window", name="blind"), width + 0.08
     drop = rng.uniform(0.3, 0.8) * (high - low) + 0.1

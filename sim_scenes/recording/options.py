@@ -9,7 +9,7 @@ from dsmap.frame import Intrinsics
 from dsmap.sim_scenes.camera_paths.paths import camera_path
 from dsmap.sim_scenes.camera_paths.trials import covered_frames
 from dsmap.sim_scenes.physics.kinds import MOVING, set_in_motion
-from dsmap.sim_scenes.render.warp_renderer import RENDERERS
+from dsmap.sim_scenes.render.renderer import RENDERERS
 from dsmap.sim_scenes.scene import Scene
 from dsmap.sim_scenes.sensors.colour_camera import LEVELS, Effects
 from dsmap.sim_scenes.sensors.registry import NOISES, SENSORS

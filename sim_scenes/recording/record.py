@@ -18,7 +18,8 @@ from dsmap.sequences.bodies import write_bodies
 from dsmap.sequences.mesh import LabelledMesh, write_mesh
 from dsmap.sim_scenes.recording.open_scene import open_scene
 from dsmap.sim_scenes.recording.options import RenderOptions, Take, plan_take
-from dsmap.sim_scenes.render.warp_renderer import Image, Renderer, open_renderer, part_tables
+from dsmap.sim_scenes.render.open_renderer import open_renderer
+from dsmap.sim_scenes.render.renderer import Image, Renderer, part_tables
 from dsmap.sim_scenes.scene import Scene
 from dsmap.sim_scenes.sensors.colour_camera import apply, exposure_flow, tremor
 from dsmap.sim_scenes.sensors.registry import SENSORS

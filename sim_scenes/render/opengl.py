@@ -12,9 +12,9 @@ import numpy as np
 
 from dsmap.errors import InputError
 from dsmap.frame import Intrinsics
-from dsmap.sim_scenes.render import egl as gl
+from dsmap.sim_scenes.render import egl
 from dsmap.sim_scenes.render.mjcf import FAR, build_model
-from dsmap.sim_scenes.render.warp_renderer import Image, Renderer
+from dsmap.sim_scenes.render.renderer import Image, Renderer
 from dsmap.sim_scenes.scene import Light, Material, Scene
 
 _FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
@@ -36,7 +36,7 @@ def _linear(display: np.ndarray) -> np.ndarray:
 
 
 def open_renderer(name: str, scene: Scene, camera: Intrinsics, shadows: bool = True) -> Renderer:
-    """`mujoco` or `pyrender`; see `render.open_renderer`.
+    """`mujoco` or `pyrender`; see `open_renderer.open_renderer`.
 
     Raises:
         InputError: the camera has a lens distortion, or there is no OpenGL (says which packages bring it).
@@ -45,12 +45,12 @@ def open_renderer(name: str, scene: Scene, camera: Intrinsics, shadows: bool = T
         raise InputError(
             f"--renderer {name} draws straight lines only; expected warp for a camera with distortion"
         )
-    gl.use_egl()
+    egl.use_egl()
     make = MujocoRenderer if name == "mujoco" else PyrenderRenderer
     try:
         return make(scene, camera, shadows)
     except (ImportError, RuntimeError, AttributeError, OSError) as error:
-        raise gl.no_context(error) from error
+        raise egl.no_context(error) from error
 
 
 class MujocoRenderer:

@@ -7,7 +7,6 @@ import numpy as np
 from dsmap.sim_scenes.rooms.layout import Layout, Wall, walls_of
 from dsmap.sim_scenes.rooms.openings import CLOSED, WINDOW, Opening
 from dsmap.sim_scenes.scene import Door, Room
-from dsmap.sim_scenes.textures.patterns import Rng
 
 OUTER, INNER = 0.16, 0.06
 """Thickness of an outer wall and of one room's half of a wall between rooms [m]."""
@@ -35,14 +34,14 @@ class Blueprint:
         return self.holes[layout.index]
 
 
-def door_in(rng: Rng, wall: Wall) -> Opening:
+def door_in(rng: np.random.Generator, wall: Wall) -> Opening:
     """A closed door near one end of a wall, as the only door of a room."""
     width, height = rng.uniform(0.8, 0.92), rng.uniform(2.0, 2.08)
     x = rng.choice([-1, 1]) * max(0.0, wall.length / 2 - width / 2 - rng.uniform(0.2, 0.5))
     return Opening(x - width / 2, x + width / 2, 0.0, height, CLOSED)
 
 
-def window_in(rng: Rng, wall: Wall, kind: str, others: list[Opening]) -> list[Opening]:
+def window_in(rng: np.random.Generator, wall: Wall, kind: str, others: list[Opening]) -> list[Opening]:
     """A window somewhere in a wall of a kind of room; nothing where its doors leave no room for one."""
     sill, widths = SILLS.get(kind, (0.85, (1.2, 1.9)))
     low, high = sill + rng.uniform(0.0, 0.15), min(rng.uniform(2.05, 2.25), wall.height - 0.28)
@@ -55,7 +54,7 @@ def window_in(rng: Rng, wall: Wall, kind: str, others: list[Opening]) -> list[Op
     return []
 
 
-def single(rng: Rng, kind: str, size: np.ndarray) -> Blueprint:
+def single(rng: np.random.Generator, kind: str, size: np.ndarray) -> Blueprint:
     """One room of inner `size` (3,) about the origin: a closed door in one wall, windows in one or two others."""
     room = Room(kind, -size[:2] / 2, size[:2] / 2, float(size[2]))
     walls = walls_of(room)

@@ -13,7 +13,6 @@ from dsmap.sim_scenes.rooms.layout import Layout
 from dsmap.sim_scenes.rooms.strew import strew
 from dsmap.sim_scenes.scene import Scene
 from dsmap.sim_scenes.textures.palette import Looks
-from dsmap.sim_scenes.textures.patterns import Rng
 
 
 @dataclass(frozen=True)
@@ -89,7 +88,7 @@ def _draw(name: str, seed: int, key: list[int]) -> Scene:
     return scene
 
 
-def _finish(rng: Rng, looks: Looks, layout: Layout, plan: blueprint.Blueprint) -> np.ndarray:
+def _finish(rng: np.random.Generator, looks: Looks, layout: Layout, plan: blueprint.Blueprint) -> np.ndarray:
     """Walls, furniture and pictures of one room; returns the point to look at first."""
     kind = KINDS[layout.room.kind]
     shell.build(rng, looks, layout, plan.apply(layout))

@@ -12,7 +12,6 @@ from dsmap.sim_scenes.rooms.blueprint import INNER, OUTER, Blueprint, window_in
 from dsmap.sim_scenes.rooms.layout import walls_of
 from dsmap.sim_scenes.rooms.openings import OPEN, WAY, Opening
 from dsmap.sim_scenes.scene import Door, Room
-from dsmap.sim_scenes.textures.patterns import Rng
 
 ROUND_TRIP_M = 15.0
 """A flat has a circle of doors at least this long, measured straight from door to door."""
@@ -29,7 +28,7 @@ class Tiling:
     ring: int
 
 
-def draw(rng: Rng, height: float) -> Blueprint:
+def draw(rng: np.random.Generator, height: float) -> Blueprint:
     """A flat of five to eight rooms about the origin."""
     tiling = (_corridor, _pinwheel, _square)[int(rng.integers(3))](rng)
     box = np.array([tile[1:] for tile in tiling.tiles])
@@ -68,7 +67,7 @@ def _wall_of(door: Door, room: Room) -> int:
     return min((k for k in range(4) if facing[k]), key=lambda k: distance[k])
 
 
-def _windows(rng: Rng, room: Room, holes: list[list[Opening]], thick: list[float]) -> None:
+def _windows(rng: np.random.Generator, room: Room, holes: list[list[Opening]], thick: list[float]) -> None:
     """Windows in the outer walls of a room: one at least where it has any, but for corridors."""
     outer = [k for k in rng.permutation(4) if thick[k] == OUTER]
     for n, k in enumerate(outer):
@@ -77,7 +76,7 @@ def _windows(rng: Rng, room: Room, holes: list[list[Opening]], thick: list[float
             holes[k] += window_in(rng, wall, room.kind, holes[k])
 
 
-def _doors(rng: Rng, tiling: Tiling, rooms: list[Room]) -> list[Door]:
+def _doors(rng: np.random.Generator, tiling: Tiling, rooms: list[Room]) -> list[Door]:
     """Where the doors go: of several draws the first whose circle is long enough, else the longest."""
     best: list[Door] = []
     longest = -1.0
@@ -102,7 +101,7 @@ def _apart(doors: list[Door]) -> bool:
     return all(np.linalg.norm(a.centre - b.centre) > 1.0 for k, a in enumerate(doors) for b in doors[:k])
 
 
-def _door(rng: Rng, rooms: list[Room], i: int, j: int, kind: str) -> Door:
+def _door(rng: np.random.Generator, rooms: list[Room], i: int, j: int, kind: str) -> Door:
     """A door somewhere in the wall that two rooms share."""
     a, b = rooms[i], rooms[j]
     low, high = np.maximum(a.low, b.low), np.minimum(a.high, b.high)
@@ -117,7 +116,7 @@ def _door(rng: Rng, rooms: list[Room], i: int, j: int, kind: str) -> Door:
     return Door(centre, normal, width, (i, j))
 
 
-def _corridor(rng: Rng) -> Tiling:
+def _corridor(rng: np.random.Generator) -> Tiling:
     """A corridor from end to end with rooms on both sides; living room and kitchen are joined as well."""
     north, hall, south = rng.uniform(4.1, 4.8), rng.uniform(1.45, 1.8), rng.uniform(3.5, 4.2)
     living, kitchen, third = rng.uniform(4.7, 5.5), rng.uniform(3.4, 3.9), rng.uniform(3.0, 3.6)
@@ -142,7 +141,7 @@ def _corridor(rng: Rng) -> Tiling:
     return Tiling(tiles, [*links, *[(0, k, OPEN) for k in (3, 4, 5, 6)]], 3)
 
 
-def _pinwheel(rng: Rng) -> Tiling:
+def _pinwheel(rng: np.random.Generator) -> Tiling:
     """Four rooms in a ring around a bathroom."""
     width, deep = rng.uniform(9.2, 10.0), rng.uniform(9.4, 10.0)
     south, north = rng.uniform(4.2, 4.6), rng.uniform(3.3, 3.6)
@@ -158,7 +157,7 @@ def _pinwheel(rng: Rng) -> Tiling:
     return Tiling(tiles, [*links, (int(rng.choice([2, 3])), 4, OPEN)], 4)
 
 
-def _square(rng: Rng) -> Tiling:
+def _square(rng: np.random.Generator) -> Tiling:
     """Two by two rooms, each joined to the next, one of them with a bathroom."""
     west, east, bath = rng.uniform(4.8, 5.4), rng.uniform(4.0, 4.6), rng.uniform(2.3, 2.8)
     south, north = rng.uniform(4.2, 4.8), rng.uniform(4.0, 4.6)
@@ -175,5 +174,5 @@ def _square(rng: Rng) -> Tiling:
     return Tiling(tiles, [*links, (2, 4, OPEN), (1, 5, OPEN)], 4)
 
 
-def _spare(rng: Rng) -> str:
+def _spare(rng: np.random.Generator) -> str:
     return str(rng.choice(["office", "bedroom"]))

@@ -6,12 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from dsmap.sim_scenes.geometry.shapes import Shape, box
-from dsmap.sim_scenes.pieces import furniture, lamps, office, seats, storage, tables, wall_art
+from dsmap.sim_scenes.pieces import lamps, office, seats, storage, tables, wall_art
 from dsmap.sim_scenes.rooms.layout import Block, Layout, Wall
 from dsmap.sim_scenes.scene import Assembly
 from dsmap.sim_scenes.textures import art
 from dsmap.sim_scenes.textures.palette import Looks
-from dsmap.sim_scenes.textures.patterns import Rng
 
 RUG = 0.004
 """Thickness of a rug [m]: furniture stands on the floor through it."""
@@ -32,7 +31,7 @@ CHAIRS = (
 class Furnisher:
     """One room being furnished."""
 
-    rng: Rng
+    rng: np.random.Generator
     looks: Looks
     layout: Layout
 
@@ -138,7 +137,7 @@ class Furnisher:
                 if self.layout.stand(chair, at, angle + np.pi + self.rng.uniform(-0.15, 0.15), under=[table]):
                     break
 
-    def desk(self, walls: Sequence[Wall], chairs: Sequence[Make] = (furniture.office_chair,)) -> bool:
+    def desk(self, walls: Sequence[Wall], chairs: Sequence[Make] = (seats.office_chair,)) -> bool:
         """A work place against a wall: desk, screen, keyboard, lamp, books, and a chair before it."""
         rng, layout = self.rng, self.layout
         desk = self.make(

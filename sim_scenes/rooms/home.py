@@ -8,7 +8,6 @@ import numpy as np
 from dsmap.sim_scenes.pieces import (  # fmt: skip
     beds,
     decor,
-    furniture,
     hallway,
     lamps,
     plants,
@@ -30,7 +29,7 @@ def living_room(f: Furnisher) -> np.ndarray:
     main = f.best_wall()
     wall, opposite = layout.walls[main], layout.walls[(main + 2) % 4]
     x = _media(f, wall)
-    couch = f.make(sofas.corner_sofa) if f.odds(0.25) else f.make(furniture.sofa, int(rng.integers(2, 4)))
+    couch = f.make(sofas.corner_sofa) if f.odds(0.25) else f.make(sofas.sofa, int(rng.integers(2, 4)))
     depth, deep = float(np.ptp(couch.bounds()[:, 1])), float(layout.size[1 - main % 2])
     wish = rng.uniform(2.5, 3.1) + depth / 2
     turn = wall.yaw + np.pi + rng.uniform(-0.05, 0.05)
@@ -42,9 +41,7 @@ def living_room(f: Furnisher) -> np.ndarray:
         across = deep - depth / 2 - 0.03
     middle = wall.point(x + rng.uniform(-0.1, 0.1), across - depth / 2 - rng.uniform(0.65, 0.8))
     f.rug(middle, wall.yaw, rng.uniform(1.8, 2.6), rng.uniform(1.3, 1.8))
-    layout.stand(
-        f.one_of(furniture.coffee_table, tables.low_table), middle, wall.yaw + rng.uniform(-0.08, 0.08)
-    )
+    layout.stand(f.one_of(tables.coffee_table, tables.low_table), middle, wall.yaw + rng.uniform(-0.08, 0.08))
     for side in rng.permutation([-1, 1])[: int(rng.integers(1, 3))]:
         _easy_chair(f, wall, middle, int(side))
     others = f.walls(without=[main])
@@ -107,7 +104,7 @@ def bedroom(f: Furnisher) -> np.ndarray:
     others = f.walls(without=[main])
     f.fill(others, [f.make(storage.wardrobe)], front=0.45)
     if f.odds(0.85):
-        f.desk(others, (furniture.office_chair, seats.dining_chair))
+        f.desk(others, (seats.office_chair, seats.dining_chair))
     if child:
         f.fill(others, [f.one_of(storage.toy_chest, beds.crib), f.make(storage.toy_chest)])
     _chest(f, others)

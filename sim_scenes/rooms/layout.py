@@ -9,7 +9,6 @@ from dsmap.sim_scenes.geometry.shapes import rotation_z
 from dsmap.sim_scenes.physics.colliders import colliders_of, touch
 from dsmap.sim_scenes.scene import Assembly, Room, Scene
 from dsmap.sim_scenes.space.walkable import HALF_WIDTH, Walkable
-from dsmap.sim_scenes.textures.patterns import Rng
 
 GAP = 0.03
 """Air between furniture and a wall or a neighbour [m]."""
@@ -99,7 +98,7 @@ def strip(wall: Wall, x0: float, x1: float, near: float, far: float) -> np.ndarr
 class Layout:
     """Places assemblies in one room of a scene and remembers the space they take."""
 
-    def __init__(self, scene: Scene, rng: Rng, room: int = 0) -> None:
+    def __init__(self, scene: Scene, rng: np.random.Generator, room: int = 0) -> None:
         self.scene = scene
         self.rng = rng
         self.index = room

@@ -14,7 +14,6 @@ from dsmap.sim_scenes.pieces import lamps
 from dsmap.sim_scenes.rooms.layout import Layout
 from dsmap.sim_scenes.scene import LEAK, MAX_LIGHTS, Light, Piece, Room, Scene
 from dsmap.sim_scenes.textures.palette import Looks
-from dsmap.sim_scenes.textures.patterns import Rng
 
 HEADROOM = 1.9
 """Lamps do not hang lower than this [m]."""
@@ -47,7 +46,7 @@ SHARES = {"day": 0.3, "grey_day": 0.25, "evening": 0.22, "dim": 0.08, "strong": 
 """How often a scene has each mood."""
 
 
-def light(rng: Rng, looks: Looks, layouts: Sequence[Layout]) -> None:
+def light(rng: np.random.Generator, looks: Looks, layouts: Sequence[Layout]) -> None:
     """Hang a ceiling lamp in every room and set the scene's lights, at most `MAX_LIGHTS`, and its ambient light."""
     scene = layouts[0].scene
     mood = MOODS[rng.choice(list(SHARES), p=list(SHARES.values()))]
@@ -82,7 +81,7 @@ def light(rng: Rng, looks: Looks, layouts: Sequence[Layout]) -> None:
     scene.lights = _exposed(scene, kept, fills, level) + fills
 
 
-def _hang(rng: Rng, looks: Looks, layout: Layout, tint: np.ndarray, lit: bool) -> Light:
+def _hang(rng: np.random.Generator, looks: Looks, layout: Layout, tint: np.ndarray, lit: bool) -> Light:
     """Hang a lamp near the middle of a room's ceiling; its shade glows if it is lit."""
     scene, height = layout.scene, layout.room.height
     spot = layout.centre + rng.uniform(-0.15, 0.15, 2) * layout.size[:2] * (layout.size[:2] > 2.0)
@@ -97,14 +96,14 @@ def _hang(rng: Rng, looks: Looks, layout: Layout, tint: np.ndarray, lit: bool) -
     return Light(np.array([*spot, height + below]), tint, 0.5 * tint, reach=4.0)
 
 
-def _from_window(rng: Rng, window: Piece, colour: np.ndarray) -> Light:
+def _from_window(rng: np.random.Generator, window: Piece, colour: np.ndarray) -> Light:
     """The sky's light as a point a hand's breadth inside the pane."""
     low, high = window.assembly.bounds()
     at = window.T_world_piece @ np.array([0, -0.35, 0.35 * low[2] + 0.65 * high[2], 1.0])
     return Light(at[:3], colour, 0.4 * colour, reach=rng.uniform(2.5, 4.0))
 
 
-def _sun(rng: Rng, window: Piece) -> Light:
+def _sun(rng: np.random.Generator, window: Piece) -> Light:
     """A beam of sun from a window's upper edge down into the room: a bright, soft-edged patch with hard shadows."""
     high = window.assembly.bounds()[1]
     frame = window.T_world_piece

@@ -10,7 +10,6 @@ from dsmap.sim_scenes.rooms.layout import Block, Layout, Wall, strip
 from dsmap.sim_scenes.scene import Assembly
 from dsmap.sim_scenes.textures import art
 from dsmap.sim_scenes.textures.palette import Looks
-from dsmap.sim_scenes.textures.patterns import Rng
 
 CASING, LINING = 0.075, 0.022
 """Width of the frame around a door, thickness of the boards inside its hole [m]."""
@@ -41,7 +40,7 @@ class Opening:
         return self.x1 - self.x0
 
 
-def fill(rng: Rng, looks: Looks, layout: Layout, wall: Wall, opening: Opening) -> None:
+def fill(rng: np.random.Generator, looks: Looks, layout: Layout, wall: Wall, opening: Opening) -> None:
     """Put the door, frame or window into its hole and keep the floor before it free."""
     if opening.kind == WINDOW:
         _window(rng, looks, layout, wall, opening)
@@ -96,7 +95,7 @@ def _closed(looks: Looks, layout: Layout, wall: Wall, opening: Opening) -> None:
     layout.scene.place(leaf, (*hinge, 0), wall.yaw, room=layout.index)
 
 
-def _ajar(rng: Rng, looks: Looks, layout: Layout, wall: Wall, opening: Opening) -> None:
+def _ajar(rng: np.random.Generator, looks: Looks, layout: Layout, wall: Wall, opening: Opening) -> None:
     """A leaf that stands open into this room, away from the nearer corner or towards it, as there is room."""
     width = opening.width - LINING  # a rebated leaf: shut, it lies on the frame
     sides = [-1, 1] if wall.length / 2 + opening.x0 < wall.length / 2 - opening.x1 else [1, -1]
@@ -119,7 +118,7 @@ def _mirrored(shape: Shape) -> Shape:
     return Shape(shape.vertices * [-1, 1, 1], shape.faces[:, ::-1], shape.uv)
 
 
-def _window(rng: Rng, looks: Looks, layout: Layout, wall: Wall, opening: Opening) -> None:
+def _window(rng: np.random.Generator, looks: Looks, layout: Layout, wall: Wall, opening: Opening) -> None:
     width, low, high = opening.width, opening.z0, opening.z1
     piece = Assembly("window", name="window")
     pane = looks.printed("pane", art.outdoors(rng), 0.0, rng.uniform(0.3, 0.45), glass=True)
@@ -143,7 +142,9 @@ def _window(rng: Rng, looks: Looks, layout: Layout, wall: Wall, opening: Opening
     layout.taken.append(Block(sill, low - 0.04, low + 0.02))
 
 
-def _dressing(rng: Rng, looks: Looks, layout: Layout, wall: Wall, opening: Opening, piece: Assembly) -> float:
+def _dressing(
+    rng: np.random.Generator, looks: Looks, layout: Layout, wall: Wall, opening: Opening, piece: Assembly
+) -> float:
     """Curtains or a blind, as there is room beside the window; returns how far it reaches from its middle [m]."""
     aside = min(opening.x0 + wall.length / 2, wall.length / 2 - opening.x1)
     if rng.random() < 0.15:

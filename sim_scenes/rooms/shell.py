@@ -10,10 +10,9 @@ from dsmap.sim_scenes.rooms.layout import Layout, Wall
 from dsmap.sim_scenes.rooms.openings import WINDOW, Opening
 from dsmap.sim_scenes.scene import Assembly
 from dsmap.sim_scenes.textures.palette import WHITES, Looks
-from dsmap.sim_scenes.textures.patterns import Rng
 
 
-def build(rng: Rng, looks: Looks, layout: Layout, holes: Sequence[Sequence[Opening]]) -> None:
+def build(rng: np.random.Generator, looks: Looks, layout: Layout, holes: Sequence[Sequence[Opening]]) -> None:
     """Close a room whose walls have the holes `holes[wall]`; walls say how thick they are."""
     paper = looks.wall(layout.room.kind)
     accent = looks.wall() if layout.room.kind != "bathroom" and rng.random() < 0.5 else paper
@@ -71,7 +70,9 @@ def _skirting(body: Assembly, looks: Looks, wall: Wall, holes: Sequence[Opening]
     body.add(box((2 * reach, 0.04, 0.075), (0, -0.02, wall.height - 0.075)), looks.trim)
 
 
-def _sockets(rng: Rng, looks: Looks, layout: Layout, wall: Wall, holes: Sequence[Opening]) -> None:
+def _sockets(
+    rng: np.random.Generator, looks: Looks, layout: Layout, wall: Wall, holes: Sequence[Opening]
+) -> None:
     gaps = [(hole.x0 - 0.2, hole.x1 + 0.2) for hole in holes]
     for _ in range(int(rng.integers(1, 3))):
         x = rng.uniform(-wall.length / 2 + 0.2, wall.length / 2 - 0.2)

@@ -12,7 +12,6 @@ from dsmap.sim_scenes.pieces import clutter
 from dsmap.sim_scenes.rooms.layout import Block, Layout
 from dsmap.sim_scenes.scene import Assembly, Piece
 from dsmap.sim_scenes.textures.palette import Looks
-from dsmap.sim_scenes.textures.patterns import Rng
 
 Surface = tuple[float, float, float, float, float]
 EYE = 1.2
@@ -64,7 +63,7 @@ class _Drop:
         self.boxes.append(_bounds(thing, T))
 
 
-def strew(rng: Rng, looks: Looks, layout: Layout, tidy: float) -> int:
+def strew(rng: np.random.Generator, looks: Looks, layout: Layout, tidy: float) -> int:
     """Drop things onto furniture and floor of a room and add those that come to rest; returns their number.
 
     Args:
@@ -104,7 +103,7 @@ def _bounds(thing: Assembly, T: np.ndarray) -> np.ndarray:
     return np.array([points.min(0), points.max(0)])
 
 
-def _on_piece(rng: Rng, looks: Looks, piece: Piece, kind: str, much: float) -> _Drop:
+def _on_piece(rng: np.random.Generator, looks: Looks, piece: Piece, kind: str, much: float) -> _Drop:
     """Things for the surfaces of one piece of furniture in a kind of room."""
     drop = _Drop()
     place = PLACE_OF.get(piece.name, _ROOM_PLACE.get(kind, "shelf"))
@@ -123,7 +122,7 @@ def _on_piece(rng: Rng, looks: Looks, piece: Piece, kind: str, much: float) -> _
 
 
 def _local(
-    rng: Rng,
+    rng: np.random.Generator,
     thing: Assembly,
     surface: tuple[float, float, float, float, float],
     taken: Sequence[np.ndarray],
@@ -161,7 +160,7 @@ def _seats(piece: Piece) -> list[Surface]:
     return [(low[0] + inner[0], low[1] + 0.05, high[0] - inner[0], high[1] - 1.6 * inner[1], max(tops))]
 
 
-def _on_floor(rng: Rng, looks: Looks, layout: Layout, much: float) -> _Drop:
+def _on_floor(rng: np.random.Generator, looks: Looks, layout: Layout, much: float) -> _Drop:
     """Things on the floor, mostly beside furniture and along walls, never in the way."""
     place, least, most = ON_FLOOR[layout.room.kind]
     drop = _Drop()

@@ -5,7 +5,6 @@ import numpy as np
 from dsmap.sim_scenes.pieces import (  # fmt: skip
     appliances,
     decor,
-    furniture,
     hallway,
     lamps,
     plants,
@@ -186,7 +185,7 @@ def corridor(f: Furnisher) -> np.ndarray:
         hallway.coat_stand,
         plants.plant,
         lamps.floor_lamp,
-        furniture.chair,
+        seats.chair,
     )
     f.fill(walls, [f.one_of(*ends) for _ in range(int(rng.integers(1, 3)))])
     return np.array([*f.layout.centre, 1.0])

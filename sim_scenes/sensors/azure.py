@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from dsmap.frame import Intrinsics
-from dsmap.sim_scenes.sensors.kinect import correlated, depth_edges, incidence
+from dsmap.sim_scenes.sensors.common import correlated, depth_edges, incidence
 
 FLOOR_M, SLOPE = 0.0007, 0.00028
 """Random error: the part that stays, and the part that grows with z^2 over the returned share of light [m, 1/m]."""

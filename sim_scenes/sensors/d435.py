@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from dsmap.frame import Intrinsics
-from dsmap.sim_scenes.sensors.kinect import correlated, depth_edges, incidence
+from dsmap.sim_scenes.sensors.common import correlated, depth_edges, incidence
 
 BASELINE_M = 0.05
 FOCAL_PX = 0.5 * 848 / np.tan(np.radians(90.0) / 2)

@@ -5,7 +5,6 @@ from scipy import ndimage
 
 from dsmap.sim_scenes.scene import Scene
 from dsmap.sim_scenes.space.free_space import surface_samples
-from dsmap.sim_scenes.textures.patterns import Rng
 
 CELL = 0.05
 """Side of a cell [m]."""
@@ -55,7 +54,7 @@ class FloorPlan:
         fits = (room >= radius) | ((steps < leave) & leaving)
         return steps[np.where(fits.all(1), len(steps) - 1, np.maximum(fits.argmin(1) - 1, 0))]
 
-    def spots(self, rng: Rng, radius: float, count: int) -> np.ndarray:
+    def spots(self, rng: np.random.Generator, radius: float, count: int) -> np.ndarray:
         """Up to `count` random floor points where a disc fits [m], shape (N, 2)."""
         cells = np.argwhere(self.distance >= radius)
         chosen = cells[rng.permutation(len(cells))[:count]]

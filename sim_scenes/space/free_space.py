@@ -10,7 +10,6 @@ from scipy.spatial import KDTree
 
 from dsmap.errors import InputError
 from dsmap.sim_scenes.scene import Scene
-from dsmap.sim_scenes.textures.patterns import Rng
 
 CELL = 0.06
 """Side of a voxel [m]."""
@@ -92,7 +91,9 @@ class FreeSpace:
         cells, inside = self.cells(points)
         return np.where(inside & self.open[tuple(cells.T)], self._tree.query(points)[0], 0.0)
 
-    def sample(self, rng: Rng, count: int, heights: tuple[float, float], clearance: float) -> np.ndarray:
+    def sample(
+        self, rng: np.random.Generator, count: int, heights: tuple[float, float], clearance: float
+    ) -> np.ndarray:
         """Up to `count` random points [m], shape (N, 3), at eye heights and clear of all surfaces."""
         low, high = self.low.copy(), self.high.copy()
         low[2], high[2] = heights
@@ -191,7 +192,9 @@ class Ways:
         return ndimage.map_coordinates(self.clear, at.T, order=1, mode="nearest")
 
 
-def surface_samples(vertices: np.ndarray, faces: np.ndarray, spacing: float, rng: Rng) -> np.ndarray:
+def surface_samples(
+    vertices: np.ndarray, faces: np.ndarray, spacing: float, rng: np.random.Generator
+) -> np.ndarray:
     """Random points on triangles, about one per `spacing` squared [m], and every vertex; shape (N, 3)."""
     corner = vertices[faces]
     area = 0.5 * np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1)

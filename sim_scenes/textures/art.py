@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 
-from dsmap.sim_scenes.textures.patterns import Rng, fractal, noise, to_bytes
+from dsmap.sim_scenes.textures.patterns import fractal, noise, to_bytes
 
 SHADES = ((0.75, 0.2, 0.15), (0.15, 0.3, 0.55), (0.85, 0.65, 0.2), (0.2, 0.45, 0.3), (0.9, 0.87, 0.8),
           (0.25, 0.2, 0.2), (0.55, 0.3, 0.5), (0.2, 0.55, 0.6), (0.8, 0.45, 0.3), (0.6, 0.6, 0.62))  # fmt: skip
@@ -15,7 +15,7 @@ def _gradient(height: int, width: int, top: np.ndarray, bottom: np.ndarray) -> n
     return np.broadcast_to(top * (1 - t) + bottom * t, (height, width, 3)).astype(np.float32).copy()
 
 
-def _hills(image: np.ndarray, rng: Rng, horizon: float, colours: list[np.ndarray]) -> None:
+def _hills(image: np.ndarray, rng: np.random.Generator, horizon: float, colours: list[np.ndarray]) -> None:
     """Draw ranges of hills from the horizon downwards into `image`."""
     height, width = image.shape[:2]
     for k, colour in enumerate(colours):
@@ -27,7 +27,7 @@ def _hills(image: np.ndarray, rng: Rng, horizon: float, colours: list[np.ndarray
         image[mask] = (colour * rough[..., None])[mask]
 
 
-def landscape(rng: Rng, height: int = 192, width: int = 256) -> np.ndarray:
+def landscape(rng: np.random.Generator, height: int = 192, width: int = 256) -> np.ndarray:
     """A painted landscape with sky, sun and hills, uint8 (height, width, 3)."""
     top, bottom = rng.uniform(0.25, 0.7, 3), rng.uniform(0.6, 0.95, 3)
     image = _gradient(height, width, top, bottom)
@@ -38,7 +38,7 @@ def landscape(rng: Rng, height: int = 192, width: int = 256) -> np.ndarray:
     return to_bytes(image + 0.05 * noise(rng, (60, 60), (height, width))[..., None])
 
 
-def abstract(rng: Rng, height: int = 192, width: int = 256) -> np.ndarray:
+def abstract(rng: np.random.Generator, height: int = 192, width: int = 256) -> np.ndarray:
     """Overlapping discs, bars and strokes, uint8 (height, width, 3)."""
     image = np.broadcast_to(
         np.array(SHADES[rng.integers(len(SHADES))], np.float32), (height, width, 3)
@@ -57,7 +57,7 @@ def abstract(rng: Rng, height: int = 192, width: int = 256) -> np.ndarray:
     return to_bytes(image * (1 + 0.08 * noise(rng, (48, 64), (height, width))[..., None]))
 
 
-def figure(image: np.ndarray, rng: Rng, cx: int, scale: int) -> None:
+def figure(image: np.ndarray, rng: np.random.Generator, cx: int, scale: int) -> None:
     """Draw a head and shoulders at the foot of `image` (float, 0..1): middle column `cx`, `scale` texels wide."""
     height = image.shape[0]
     cy = height - int(0.78 * scale)
@@ -79,19 +79,19 @@ def figure(image: np.ndarray, rng: Rng, cx: int, scale: int) -> None:
     )  # fmt: skip
 
 
-def portrait(rng: Rng, height: int = 224, width: int = 176) -> np.ndarray:
+def portrait(rng: np.random.Generator, height: int = 224, width: int = 176) -> np.ndarray:
     """A head and shoulders against a dark ground, uint8 (height, width, 3)."""
     image = _gradient(height, width, rng.uniform(0.15, 0.4, 3), rng.uniform(0.1, 0.5, 3))
     figure(image, rng, int(width * rng.uniform(0.42, 0.58)), int(min(width, 0.8 * height)))
     return to_bytes(image * (1 + 0.1 * noise(rng, (56, 44), (height, width))[..., None]))
 
 
-def painting(rng: Rng) -> np.ndarray:
+def painting(rng: np.random.Generator) -> np.ndarray:
     """One of the three kinds of pictures."""
     return (landscape, abstract, portrait)[rng.integers(3)](rng)
 
 
-def outdoors(rng: Rng, height: int = 256, width: int = 256) -> np.ndarray:
+def outdoors(rng: np.random.Generator, height: int = 256, width: int = 256) -> np.ndarray:
     """What one sees through a window: sky with clouds, far hills, trees; bright, uint8."""
     image = _gradient(height, width, np.array([0.5, 0.7, 0.95]), np.array([0.86, 0.92, 0.98]))
     clouds = np.clip(cv2.resize(fractal(rng, 3, 5), (width, height)) * 0.8, 0, 1)[..., None]
@@ -116,7 +116,7 @@ SPINES = 24
 """Book spines side by side in one image of `spines`."""
 
 
-def spines(rng: Rng, height: int = 128, width: int = 384) -> np.ndarray:
+def spines(rng: np.random.Generator, height: int = 128, width: int = 384) -> np.ndarray:
     """An atlas of `SPINES` book spines, each of one of four designs, uint8."""
     image = np.zeros((height, width, 3), np.float32)
     step = width // SPINES
@@ -132,7 +132,7 @@ def spines(rng: Rng, height: int = 128, width: int = 384) -> np.ndarray:
     return to_bytes(image * (1 + 0.05 * noise(rng, (32, 96), (height, width))[..., None]))
 
 
-def _spine(spine: np.ndarray, rng: Rng, ink: np.ndarray) -> None:
+def _spine(spine: np.ndarray, rng: np.random.Generator, ink: np.ndarray) -> None:
     """Print one spine (height, width, 3): bands, a label, two halves, or ribs of gold; and a title."""
     height, width = spine.shape[:2]
     design = rng.integers(4)
@@ -156,7 +156,7 @@ def _spine(spine: np.ndarray, rng: Rng, ink: np.ndarray) -> None:
             spine[y : y + 3, width // 3 : 2 * width // 3] = ink
 
 
-def rug(rng: Rng, height: int = 256, width: int = 384) -> np.ndarray:
+def rug(rng: np.random.Generator, height: int = 256, width: int = 384) -> np.ndarray:
     """A woven rug: borders and a symmetric field of figures, uint8."""
     colours = [
         np.array(SHADES[i]) * rng.uniform(0.6, 0.95) for i in rng.choice(len(SHADES), 3, replace=False)
@@ -174,7 +174,7 @@ def rug(rng: Rng, height: int = 256, width: int = 384) -> np.ndarray:
     return to_bytes(image * (1 + pile[..., None]))
 
 
-def cover(rng: Rng, height: int = 128, width: int = 96) -> np.ndarray:
+def cover(rng: np.random.Generator, height: int = 128, width: int = 96) -> np.ndarray:
     """A book or magazine cover, a box's print: blocks of colour with lines of text, uint8."""
     image = abstract(rng, height, width).astype(np.float32) / 255
     paper = np.array(SHADES[rng.integers(len(SHADES))])

@@ -7,7 +7,6 @@ import numpy as np
 
 from dsmap.sim_scenes.scene import Material
 from dsmap.sim_scenes.textures import art, patterns, surfaces
-from dsmap.sim_scenes.textures.patterns import Rng
 
 WOODS = (
     (0.62, 0.44, 0.28),
@@ -46,7 +45,7 @@ POOL = 12
 class Looks:
     """Materials by name. Furniture asks for a kind (`wood`, `fabric`...) and gets a name to put on its parts."""
 
-    def __init__(self, rng: Rng) -> None:
+    def __init__(self, rng: np.random.Generator) -> None:
         self.rng = rng
         self.materials: dict[str, Material] = {}
         self._pools: dict[str, list[str]] = {}

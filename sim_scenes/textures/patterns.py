@@ -9,14 +9,15 @@ from collections.abc import Callable, Sequence
 import cv2
 import numpy as np
 
-Rng = np.random.Generator
 Colour = Sequence[float] | np.ndarray
 
 SIZE = 384
 """Texels along each side of a tileable texture."""
 
 
-def noise(rng: Rng, cells: tuple[int, int], size: tuple[int, int] = (SIZE, SIZE)) -> np.ndarray:
+def noise(
+    rng: np.random.Generator, cells: tuple[int, int], size: tuple[int, int] = (SIZE, SIZE)
+) -> np.ndarray:
     """Smooth tileable noise in about [-1, 1], float32, shape `size` (rows, columns), with `cells` lumps."""
     lattice = rng.uniform(-1, 1, cells).astype(np.float32)
     padded = np.pad(lattice, 2, mode="wrap")
@@ -30,7 +31,9 @@ def noise(rng: Rng, cells: tuple[int, int], size: tuple[int, int] = (SIZE, SIZE)
     return big[top : top + size[0], left : left + size[1]]
 
 
-def fractal(rng: Rng, cells: int = 4, octaves: int = 5, roughness: float = 0.55) -> np.ndarray:
+def fractal(
+    rng: np.random.Generator, cells: int = 4, octaves: int = 5, roughness: float = 0.55
+) -> np.ndarray:
     """Sum of octaves of noise, about [-1, 1], shape (SIZE, SIZE)."""
     total, amplitude, image = 0.0, 1.0, np.zeros((SIZE, SIZE), np.float32)
     for octave in range(octaves):
@@ -67,7 +70,7 @@ def grid() -> tuple[np.ndarray, np.ndarray]:
     return np.meshgrid(line, line, indexing="ij")
 
 
-def wood(rng: Rng, colour: Colour) -> np.ndarray:
+def wood(rng: np.random.Generator, colour: Colour) -> np.ndarray:
     """Grain along the columns: stretched noise, growth rings and a few knots. One tile is about 1 m."""
     y, x = grid()
     warp = 0.03 * noise(rng, (3, 2)) + 0.012 * noise(rng, (12, 4))
@@ -79,7 +82,7 @@ def wood(rng: Rng, colour: Colour) -> np.ndarray:
     return shaded(colour, 0.10 * rings + 0.09 * fine + 0.07 * fractal(rng, 3, 3))
 
 
-def planks(rng: Rng, colour: Colour) -> np.ndarray:
+def planks(rng: np.random.Generator, colour: Colour) -> np.ndarray:
     """A parquet floor: rows of boards with their own tone and grain, joints dark. One tile is about 1.6 m."""
     rows, image = 10, np.zeros((SIZE, SIZE), np.float32)
     height = SIZE // rows
@@ -96,7 +99,7 @@ def planks(rng: Rng, colour: Colour) -> np.ndarray:
     return shaded(colour, image + grain)
 
 
-def tiles(rng: Rng, colour: Colour) -> np.ndarray:
+def tiles(rng: np.random.Generator, colour: Colour) -> np.ndarray:
     """Square stone tiles with light joints, four by four in a tile of about 1.6 m."""
     y, x = grid()
     count = 4
@@ -109,13 +112,13 @@ def tiles(rng: Rng, colour: Colour) -> np.ndarray:
     return mixed(colour, (0.62, 0.6, 0.57), joint, tone + 0.18 * (veins - 0.6) + 0.02 * edge)
 
 
-def carpet(rng: Rng, colour: Colour) -> np.ndarray:
+def carpet(rng: np.random.Generator, colour: Colour) -> np.ndarray:
     """Short pile: strong lumps of a few centimetres and worn areas. One tile is about 1.2 m."""
     speckle = 0.13 * noise(rng, (96, 96)) + 0.1 * noise(rng, (48, 48))
     return shaded(colour, speckle + 0.13 * fractal(rng, 3, 4))
 
 
-def fabric(rng: Rng, colour: Colour) -> np.ndarray:
+def fabric(rng: np.random.Generator, colour: Colour) -> np.ndarray:
     """Upholstery: a visible weave, mottling and sometimes stripes or checks. One tile is about 0.6 m."""
     y, x = grid()
     threads = 48
@@ -131,7 +134,7 @@ def fabric(rng: Rng, colour: Colour) -> np.ndarray:
     return mixed(colour, other, pattern * 0.8, image)
 
 
-def motif(rng: Rng, colour: Colour, second: Colour) -> np.ndarray:
+def motif(rng: np.random.Generator, colour: Colour, second: Colour) -> np.ndarray:
     """A printed cloth or wallpaper: a symmetric figure drawn from low-frequency noise, repeated. Tile about 1 m."""
     repeat = int(rng.integers(3, 7))
     size = SIZE // repeat
@@ -142,7 +145,7 @@ def motif(rng: Rng, colour: Colour, second: Colour) -> np.ndarray:
     return mixed(colour, second, tile, 0.05 * fractal(rng, 8, 4) + 0.03 * noise(rng, (90, 90)))
 
 
-def stripes(rng: Rng, colour: Colour, second: Colour) -> np.ndarray:
+def stripes(rng: np.random.Generator, colour: Colour, second: Colour) -> np.ndarray:
     """Vertical stripes of two widths. One tile is about 1 m."""
     _, x = grid()
     count = int(rng.integers(4, 9))
@@ -151,14 +154,14 @@ def stripes(rng: Rng, colour: Colour, second: Colour) -> np.ndarray:
     return mixed(colour, second, weight, 0.05 * fractal(rng, 6, 4) + 0.03 * noise(rng, (90, 90)))
 
 
-def paint(rng: Rng, colour: Colour) -> np.ndarray:
+def paint(rng: np.random.Generator, colour: Colour) -> np.ndarray:
     """A painted wall, fresh to worn: roller texture, patches and faint marks. One tile is about 2.5 m."""
     marks = np.clip(fractal(rng, 10, 3) - 1.1, 0, 1) * 0.35
     patches = 0.05 * fractal(rng, 3, 4) + 0.03 * noise(rng, (48, 48)) - marks
     return shaded(colour, rng.uniform(0.3, 1.0) * patches + 0.025 * noise(rng, (SIZE // 4, SIZE // 4)))
 
 
-def bricks(rng: Rng, colour: Colour) -> np.ndarray:
+def bricks(rng: np.random.Generator, colour: Colour) -> np.ndarray:
     """A visible brick wall. One tile is about 1 m."""
     y, x = grid()
     rows, columns = 12, 4
@@ -175,21 +178,21 @@ def bricks(rng: Rng, colour: Colour) -> np.ndarray:
     )
 
 
-def plaster(rng: Rng, colour: Colour) -> np.ndarray:
+def plaster(rng: np.random.Generator, colour: Colour) -> np.ndarray:
     """A ceiling: fine lumps and large faint stains. One tile is about 2 m."""
     return shaded(
         colour, 0.035 * noise(rng, (100, 100)) + 0.04 * noise(rng, (40, 40)) + 0.035 * fractal(rng, 3, 4)
     )
 
 
-def plain(rng: Rng, colour: Colour) -> np.ndarray:
+def plain(rng: np.random.Generator, colour: Colour) -> np.ndarray:
     """Lacquer, plastic or ceramic: nearly uniform, with faint smears. One tile is about 0.5 m."""
     small = (SIZE // 3, SIZE // 3)
     smears = 0.03 * noise(rng, (4, 4), small) + 0.025 * noise(rng, (16, 16), small)
     return shaded(colour, smears + 0.02 * noise(rng, (48, 48), small))
 
 
-def leaves(rng: Rng, colour: Colour) -> np.ndarray:
+def leaves(rng: np.random.Generator, colour: Colour) -> np.ndarray:
     """Foliage: veins and spots. One tile is about 0.2 m."""
     y, x = grid()
     veins = np.abs(np.sin(2 * np.pi * (6 * y + 3 * np.abs(x - 0.5))))

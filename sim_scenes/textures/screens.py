@@ -4,21 +4,21 @@ import cv2
 import numpy as np
 
 from dsmap.sim_scenes.textures.art import SHADES, abstract, figure, landscape, portrait
-from dsmap.sim_scenes.textures.patterns import Rng, noise, to_bytes
+from dsmap.sim_scenes.textures.patterns import noise, to_bytes
 
 
-def _shade(rng: Rng, low: float = 0.7, high: float = 1.1) -> list[float]:
+def _shade(rng: np.random.Generator, low: float = 0.7, high: float = 1.1) -> list[float]:
     return np.clip(np.array(SHADES[rng.integers(len(SHADES))]) * rng.uniform(low, high), 0, 1).tolist()
 
 
-def screen(rng: Rng, height: int = 180, width: int = 320, on: float = 0.4) -> np.ndarray:
+def screen(rng: np.random.Generator, height: int = 180, width: int = 320, on: float = 0.4) -> np.ndarray:
     """A television or monitor: off (dark, with soft reflections), or with share `on` a picture, uint8."""
     if rng.random() >= on:
         return _off(rng, height, width)
     return (_programme, _desktop, _news, _code)[rng.integers(4)](rng, height, width)
 
 
-def _off(rng: Rng, height: int, width: int) -> np.ndarray:
+def _off(rng: np.random.Generator, height: int, width: int) -> np.ndarray:
     y, x = np.mgrid[0:height, 0:width].astype(np.float32)
     glow = np.exp(
         -(((x / width - rng.uniform(0.2, 0.8)) / 0.25) ** 2 + ((y / height - rng.uniform(0, 0.5)) / 0.3) ** 2)
@@ -28,7 +28,7 @@ def _off(rng: Rng, height: int, width: int) -> np.ndarray:
     return to_bytes(shade[..., None] * np.array([0.95, 1.0, 1.1]))
 
 
-def _programme(rng: Rng, height: int, width: int) -> np.ndarray:
+def _programme(rng: np.random.Generator, height: int, width: int) -> np.ndarray:
     """A film still with black bars above and below."""
     image = (landscape if rng.random() < 0.7 else portrait)(rng, height, width)
     bar = int(height * rng.uniform(0, 0.13))
@@ -37,7 +37,7 @@ def _programme(rng: Rng, height: int, width: int) -> np.ndarray:
     return image
 
 
-def _news(rng: Rng, height: int, width: int) -> np.ndarray:
+def _news(rng: np.random.Generator, height: int, width: int) -> np.ndarray:
     """A speaker before a studio wall, a headline below."""
     image = abstract(rng, height, width).astype(np.float32) / 255 * 0.5 + 0.2
     for _ in range(int(rng.integers(1, 3))):
@@ -50,7 +50,7 @@ def _news(rng: Rng, height: int, width: int) -> np.ndarray:
 
 def _lines(
     image: np.ndarray,
-    rng: Rng,
+    rng: np.random.Generator,
     at: tuple[int, int],
     length: int,
     count: int,
@@ -67,7 +67,7 @@ def _lines(
             x += word + 4
 
 
-def _desktop(rng: Rng, height: int, width: int) -> np.ndarray:
+def _desktop(rng: np.random.Generator, height: int, width: int) -> np.ndarray:
     """A wallpaper picture, one or two windows, a task bar."""
     back = (landscape if rng.random() < 0.6 else abstract)(rng, height, width)
     image = back.astype(np.float32) / 255
@@ -87,7 +87,7 @@ def _desktop(rng: Rng, height: int, width: int) -> np.ndarray:
     return to_bytes(image)
 
 
-def _code(rng: Rng, height: int, width: int) -> np.ndarray:
+def _code(rng: np.random.Generator, height: int, width: int) -> np.ndarray:
     """An editor: coloured words on a dark or light ground."""
     dark = rng.random() < 0.7
     image = np.full((height, width, 3), 0.13 if dark else 0.95, np.float32)
@@ -101,36 +101,4 @@ def _code(rng: Rng, height: int, width: int) -> np.ndarray:
             ink = np.array(_shade(rng)) * (1.0 if dark else 0.6)
             cv2.line(image, (x, y), (min(x + word, width - 4), y), ink.tolist(), 3)
             x += word + 5
-    return to_bytes(image)
-
-
-def poster(rng: Rng, height: int = 256, width: int = 180) -> np.ndarray:
-    """A poster: one big figure on a flat ground, a title, small print; sometimes a photograph, uint8."""
-    ground = np.array(_shade(rng, 0.8, 1.1), np.float32)
-    image = np.broadcast_to(ground, (height, width, 3)).copy()
-    top, bottom = (0.22, 0.8) if rng.random() < 0.5 else (0.06, 0.68)
-    box = slice(int(top * height), int(bottom * height)), slice(int(0.08 * width), int(0.92 * width))
-    size = (box[0].stop - box[0].start, box[1].stop - box[1].start)
-    make = (landscape, portrait, abstract)[rng.integers(3)]
-    image[box] = make(rng, *size).astype(np.float32) / 255
-    ink = tuple(np.clip(1 - ground + rng.uniform(-0.1, 0.1, 3), 0, 1).tolist())
-    title = int(0.1 * height) if top > 0.1 else int(0.76 * height)
-    _lines(image, rng, (int(0.1 * width), title), int(0.8 * width), 1, ink, 30)
-    _lines(image, rng, (int(0.1 * width), int(0.87 * height)), int(0.8 * width), 3, ink, 8)
-    return to_bytes(image)
-
-
-def photograph(rng: Rng, height: int = 160, width: int = 220) -> np.ndarray:
-    """A framed photograph within a pale mount: a landscape or people, in colour, sepia or grey, uint8."""
-    mount = int(rng.uniform(0.06, 0.16) * height)
-    inner = (height - 2 * mount, width - 2 * mount)
-    picture = landscape(rng, *inner).astype(np.float32) / 255
-    for k in range(int(rng.integers(0, 4))):
-        figure(picture, rng, int(inner[1] * (0.25 + 0.25 * k)), int(inner[0] * rng.uniform(0.55, 0.85)))
-    tint = rng.integers(3)
-    if tint:
-        grey = picture.mean(-1, keepdims=True)
-        picture = grey * (np.array([1.0, 0.9, 0.72]) if tint == 1 else np.ones(3))
-    image = np.full((height, width, 3), rng.uniform(0.75, 0.92), np.float32)
-    image[mount:-mount, mount:-mount] = picture
     return to_bytes(image)

@@ -8,20 +8,10 @@ from collections.abc import Callable
 import cv2
 import numpy as np
 
-from dsmap.sim_scenes.textures.patterns import (
-    SIZE,
-    Colour,
-    Rng,
-    fractal,
-    grid,
-    mixed,
-    noise,
-    shaded,
-    to_bytes,
-)
+from dsmap.sim_scenes.textures.patterns import SIZE, Colour, fractal, grid, mixed, noise, shaded, to_bytes
 
 
-def marble(rng: Rng, colour: Colour) -> np.ndarray:
+def marble(rng: np.random.Generator, colour: Colour) -> np.ndarray:
     """Polished marble: clouds and two generations of thin veins. One tile is about 1 m."""
     warp = 0.9 * fractal(rng, 2, 5)
     thick = np.exp(-np.abs(fractal(rng, 2, 4) + 0.3 * warp) * 14)
@@ -30,7 +20,7 @@ def marble(rng: Rng, colour: Colour) -> np.ndarray:
     return mixed(colour, np.clip(vein, 0, 0.95), 0.7 * thick + 0.35 * thin, 0.06 * warp)
 
 
-def granite(rng: Rng, colour: Colour) -> np.ndarray:
+def granite(rng: np.random.Generator, colour: Colour) -> np.ndarray:
     """Speckled stone of three minerals, as worktops are. One tile is about 0.8 m."""
     grain = noise(rng, (96, 96)) + 0.6 * noise(rng, (56, 56))
     second, third = np.clip(np.asarray(colour) * 1.35, 0, 0.9), np.asarray(colour) * 0.6
@@ -39,7 +29,7 @@ def granite(rng: Rng, colour: Colour) -> np.ndarray:
     return mixed(image / 255.0, third, dark)
 
 
-def terrazzo(rng: Rng, colour: Colour) -> np.ndarray:
+def terrazzo(rng: np.random.Generator, colour: Colour) -> np.ndarray:
     """Chips of stone in cement. One tile is about 0.8 m."""
     image = np.broadcast_to(np.asarray(colour, np.float32), (SIZE, SIZE, 3)).copy()
     tints = np.clip(
@@ -57,7 +47,7 @@ def terrazzo(rng: Rng, colour: Colour) -> np.ndarray:
     return to_bytes(image * (1 + 0.04 * fractal(rng, 6, 3)[..., None]))
 
 
-def slate(rng: Rng, colour: Colour) -> np.ndarray:
+def slate(rng: np.random.Generator, colour: Colour) -> np.ndarray:
     """Rough stone slabs of unequal length in rows with wide joints. One tile is about 1.6 m."""
     y, x = grid()
     rows = 4
@@ -74,7 +64,7 @@ def slate(rng: Rng, colour: Colour) -> np.ndarray:
     return mixed(colour, (0.5, 0.48, 0.45), joint, tone + rough)
 
 
-def ceramic(rng: Rng, colour: Colour) -> np.ndarray:
+def ceramic(rng: np.random.Generator, colour: Colour) -> np.ndarray:
     """Glazed wall tiles: square, laid across or in a running bond, some with an accent. One tile is about 0.8 m."""
     y, x = grid()
     rows, columns, shift = ((8, 8, 0.0), (10, 5, 0.5), (6, 6, 0.0), (8, 4, 0.5))[rng.integers(4)]
@@ -93,7 +83,7 @@ def ceramic(rng: Rng, colour: Colour) -> np.ndarray:
     return mixed(colour, grout, joint, tone[row, column] + rim + 0.02 * fractal(rng, 6, 3))
 
 
-def checker(rng: Rng, colour: Colour) -> np.ndarray:
+def checker(rng: np.random.Generator, colour: Colour) -> np.ndarray:
     """Floor tiles of two colours in turn. One tile is about 1.6 m."""
     y, x = grid()
     count = int(rng.choice([4, 6]))
@@ -104,7 +94,7 @@ def checker(rng: Rng, colour: Colour) -> np.ndarray:
     return mixed(image / 255.0, (0.5, 0.49, 0.47), np.clip(1.5 - edge / 0.003, 0, 1))
 
 
-def herringbone(rng: Rng, colour: Colour) -> np.ndarray:
+def herringbone(rng: np.random.Generator, colour: Colour) -> np.ndarray:
     """Parquet laid in an L pattern: each board's end meets the side of the next. One tile is about 1.2 m."""
     unit = 24  # texels a board is wide; it is four times as long
     cells = SIZE // unit
@@ -128,20 +118,20 @@ def herringbone(rng: Rng, colour: Colour) -> np.ndarray:
     return shaded(colour, tone + 0.09 * grain - 0.3 * np.clip(joint, 0, 1) + 0.05 * fractal(rng, 3, 3))
 
 
-def concrete(rng: Rng, colour: Colour) -> np.ndarray:
+def concrete(rng: np.random.Generator, colour: Colour) -> np.ndarray:
     """Cast or trowelled concrete: clouds, pores, a few hairlines. One tile is about 2 m."""
     pores = np.clip(noise(rng, (90, 90)) - 0.75, 0, 1)
     line = np.exp(-np.abs(fractal(rng, 2, 5)) * 60)
     return shaded(colour, 0.13 * fractal(rng, 2, 6) - 0.8 * pores - 0.08 * line)
 
 
-def brushed(rng: Rng, colour: Colour) -> np.ndarray:
+def brushed(rng: np.random.Generator, colour: Colour) -> np.ndarray:
     """Brushed metal: fine streaks along the columns. One tile is about 0.5 m."""
     streaks = 0.05 * noise(rng, (SIZE // 3, 3)) + 0.04 * noise(rng, (SIZE // 4, 8))
     return shaded(colour, streaks + 0.04 * fractal(rng, 2, 3))
 
 
-def knit(rng: Rng, colour: Colour) -> np.ndarray:
+def knit(rng: np.random.Generator, colour: Colour) -> np.ndarray:
     """Coarse knitting: columns of slanted stitches. One tile is about 0.4 m."""
     y, x = grid()
     count = 22
@@ -150,14 +140,14 @@ def knit(rng: Rng, colour: Colour) -> np.ndarray:
     return shaded(colour, 0.3 * (stitch - 0.7) + 0.08 * fractal(rng, 4, 4))
 
 
-def corduroy(rng: Rng, colour: Colour) -> np.ndarray:
+def corduroy(rng: np.random.Generator, colour: Colour) -> np.ndarray:
     """Ribs along the rows' direction with a soft pile. One tile is about 0.4 m."""
     _, x = grid()
     ribs = np.abs(np.sin(np.pi * int(rng.integers(20, 36)) * x)) ** 0.7
     return shaded(colour, 0.28 * (ribs - 0.7) + 0.09 * fractal(rng, 3, 5) + 0.05 * noise(rng, (90, 90)))
 
 
-def tweed(rng: Rng, colour: Colour) -> np.ndarray:
+def tweed(rng: np.random.Generator, colour: Colour) -> np.ndarray:
     """Melange of light and dark yarn in a twill. One tile is about 0.5 m."""
     y, x = grid()
     twill = 0.12 * np.sign(np.sin(2 * np.pi * (40 * x + 40 * y)) + 0.4 * noise(rng, (64, 64)))
@@ -165,7 +155,7 @@ def tweed(rng: Rng, colour: Colour) -> np.ndarray:
     return shaded(colour, twill + 0.6 * flecks + 0.06 * fractal(rng, 3, 3))
 
 
-def plaid(rng: Rng, colour: Colour) -> np.ndarray:
+def plaid(rng: np.random.Generator, colour: Colour) -> np.ndarray:
     """Tartan: bands of two further colours that cross. One tile is about 0.6 m."""
     y, x = grid()
     colour = np.asarray(colour, np.float32)
@@ -183,7 +173,7 @@ def plaid(rng: Rng, colour: Colour) -> np.ndarray:
     return to_bytes(image * (1 + (weave + 0.06 * fractal(rng, 4, 4))[..., None]))
 
 
-def loop_pile(rng: Rng, colour: Colour) -> np.ndarray:
+def loop_pile(rng: np.random.Generator, colour: Colour) -> np.ndarray:
     """Looped carpet: rows of knots with flecks of a second yarn. One tile is about 0.9 m."""
     y, x = grid()
     count = 60
@@ -193,7 +183,7 @@ def loop_pile(rng: Rng, colour: Colour) -> np.ndarray:
     return mixed(colour, other, 0.7 * flecks, knots + 0.08 * fractal(rng, 3, 4))
 
 
-def figured_carpet(rng: Rng, colour: Colour) -> np.ndarray:
+def figured_carpet(rng: np.random.Generator, colour: Colour) -> np.ndarray:
     """Fitted carpet with a woven repeat: lattice, dots, waves or blocks. One tile is about 1 m."""
     y, x = grid()
     n = int(rng.integers(4, 9))
@@ -214,7 +204,7 @@ def figured_carpet(rng: Rng, colour: Colour) -> np.ndarray:
     return mixed(colour, other, weight, pile + 0.08 * fractal(rng, 3, 3))
 
 
-def sprigs(rng: Rng, colour: Colour, second: Colour) -> np.ndarray:
+def sprigs(rng: np.random.Generator, colour: Colour, second: Colour) -> np.ndarray:
     """Wallpaper or cloth with small leaves and blossoms strewn in rows. One tile is about 1 m."""
     image = np.broadcast_to(np.asarray(colour, np.float32), (SIZE, SIZE, 3)).copy()
     n = int(rng.integers(3, 6))
@@ -236,7 +226,7 @@ def sprigs(rng: Rng, colour: Colour, second: Colour) -> np.ndarray:
     return to_bytes(image * (1 + (0.04 * fractal(rng, 6, 4) + 0.02 * noise(rng, (90, 90)))[..., None]))
 
 
-def lattice(rng: Rng, colour: Colour, second: Colour) -> np.ndarray:
+def lattice(rng: np.random.Generator, colour: Colour, second: Colour) -> np.ndarray:
     """Wallpaper with a geometric net: diamonds, hexagons or arcs. One tile is about 1 m."""
     y, x = grid()
     n = int(rng.integers(4, 8))

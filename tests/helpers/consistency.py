@@ -7,7 +7,7 @@ import numpy as np
 
 from dsmap.frame import Intrinsics
 from dsmap.sim_scenes.recording.record import RenderedFrame
-from dsmap.sim_scenes.render.warp_renderer import pixel_rays
+from dsmap.sim_scenes.render.renderer import pixel_rays
 
 HIDDEN_M = 0.03
 """A point this far behind what the other frame sees is hidden there [m]."""

@@ -9,7 +9,8 @@ from dsmap.errors import InputError
 from dsmap.frame import Intrinsics
 from dsmap.sim_scenes.geometry.shapes import box
 from dsmap.sim_scenes.render import egl
-from dsmap.sim_scenes.render.warp_renderer import RENDERERS, open_renderer
+from dsmap.sim_scenes.render.open_renderer import open_renderer
+from dsmap.sim_scenes.render.renderer import RENDERERS
 from dsmap.sim_scenes.scene import Body, Light, Material, Part, Scene
 
 ODD = Intrinsics(120, 90, 110.0, 84.0, 41.3, 57.8)

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from dsmap.errors import InputError
-from dsmap.sim_scenes.render.warp_renderer import default_camera
+from dsmap.sim_scenes.render.renderer import default_camera
 from dsmap.sim_scenes.sensors.colour_camera import Effects, apply, exposure_flow, tremor
 
 CAMERA = default_camera(160, 120)

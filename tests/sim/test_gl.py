@@ -11,7 +11,8 @@ from dsmap.errors import InputError
 from dsmap.sim_scenes.camera_paths.paths import camera_path
 from dsmap.sim_scenes.geometry.shapes import box
 from dsmap.sim_scenes.render import egl
-from dsmap.sim_scenes.render.warp_renderer import RENDERERS, Image, default_camera, open_renderer, part_tables
+from dsmap.sim_scenes.render.open_renderer import open_renderer
+from dsmap.sim_scenes.render.renderer import RENDERERS, Image, default_camera, part_tables
 from dsmap.sim_scenes.rooms.build import build_scene
 from dsmap.sim_scenes.scene import Light, Material, Part, Scene
 

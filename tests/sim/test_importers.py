@@ -12,7 +12,8 @@ from dsmap.classes import CLASS_NAMES
 from dsmap.errors import InputError
 from dsmap.sim_scenes.importers.load import load_scene
 from dsmap.sim_scenes.importers.mesh import coloured
-from dsmap.sim_scenes.render.warp_renderer import default_camera, open_renderer, part_tables
+from dsmap.sim_scenes.render.open_renderer import open_renderer
+from dsmap.sim_scenes.render.renderer import default_camera, part_tables
 from dsmap.sim_scenes.scene import MAX_LIGHTS, Scene
 
 CAMERA = default_camera(64, 48)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dsmap.frame import Intrinsics
-from dsmap.sim_scenes.render.warp_renderer import default_camera
+from dsmap.sim_scenes.render.renderer import default_camera
 from dsmap.sim_scenes.sensors import azure as sensor_azure
 from dsmap.sim_scenes.sensors import d435 as sensor_d435
 from dsmap.sim_scenes.sensors.kinect import BASELINE_M, FOCAL_PX, axial_sigma, kinect_depth

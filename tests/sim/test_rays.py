@@ -8,7 +8,8 @@ import numpy as np
 
 from dsmap.sim_scenes.geometry.shapes import box
 from dsmap.sim_scenes.importers.load import load_scene
-from dsmap.sim_scenes.render.warp_renderer import WarpRenderer, default_camera, pixel_rays
+from dsmap.sim_scenes.render.renderer import default_camera, pixel_rays
+from dsmap.sim_scenes.render.warp_renderer import WarpRenderer
 from dsmap.sim_scenes.rooms.build import build_scene
 from dsmap.sim_scenes.rooms.lighting import MOODS, SHARES
 from dsmap.sim_scenes.scene import MAX_LIGHTS, Light, Material, Part, Scene

@@ -11,7 +11,8 @@ import yaml
 from dsmap.errors import InputError
 from dsmap.sequences import open_sequence
 from dsmap.sim_scenes.recording.record import RenderOptions, render_sequence
-from dsmap.sim_scenes.render.warp_renderer import WarpRenderer, default_camera
+from dsmap.sim_scenes.render.renderer import default_camera
+from dsmap.sim_scenes.render.warp_renderer import WarpRenderer
 from dsmap.sim_scenes.rooms.build import build_scene
 from dsmap.tools import cli
 

@@ -27,7 +27,8 @@ def main(args: Args) -> None:
     """Time colour + depth + classes of one frame at a time and print a table."""
     import dsmap.kernels.runtime  # noqa: F401  (Warp's settings come before its first use)
     from dsmap.sim_scenes.camera_paths.paths import camera_path
-    from dsmap.sim_scenes.render.warp_renderer import RENDERERS, default_camera, open_renderer
+    from dsmap.sim_scenes.render.open_renderer import open_renderer
+    from dsmap.sim_scenes.render.renderer import RENDERERS, default_camera
     from dsmap.sim_scenes.rooms.build import build_scene
 
     scene = build_scene(args.scene, args.seed)
