@@ -24,6 +24,7 @@ from dsmap.fusion.evaluate.semantics import evaluate_network
 from dsmap.fusion.runs.read_run import Run, load_run
 from dsmap.fusion.segmenter import Segmenter
 from dsmap.sequences import open_sequence
+from dsmap.sequences.formats import Options
 from dsmap.sequences.tum import is_tum
 from dsmap.tools.mapping.segmenters import SegmenterSpec, make_segmenter
 from dsmap.tools.support.parse import parse_intrinsics
@@ -93,6 +94,7 @@ def score_run(folder: Path, args: Args) -> dict[str, Any]:
         intrinsics=parse_intrinsics(args.intrinsics),
         depth_scale=args.depth_scale,
         undistort=bool(settings.get("undistort", False)),
+        options=Options(settings.get("color_topic"), settings.get("depth_topic")),
     )
     segmenter = segmenter_of(run, args) if reference.has_labels else None
     return evaluate_run(run, reference, segmenter, args.max_frames, args.sfm)

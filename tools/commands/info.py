@@ -9,6 +9,7 @@ import tyro
 from dsmap.errors import InputError
 from dsmap.sequences import Sequence, open_sequence
 from dsmap.sequences.associate import gaps
+from dsmap.sequences.formats import Options
 from dsmap.tools.support.parse import parse_intrinsics
 
 SAMPLES = 10
@@ -20,18 +21,23 @@ PLAUSIBLE_DEPTH_M = (0.2, 10.0)
 @dataclass
 class Args:
     path: tyro.conf.Positional[Path]
-    """The recording: a folder in TUM RGB-D, 7-Scenes or Redwood/Open3D layout."""
+    """The recording: a folder, or a file as cameras leave it (docs/guide/recordings.md)."""
     intrinsics: str | None = None
     """fx,fy,cx,cy of the recording's own images [px]; before calibration.yaml and known defaults."""
     depth_scale: float | None = None
     """Stored depth units per metre, e.g. 1000 or 5000."""
+    color_topic: str | None = None
+    """Topic of the colour images of a bag; without it dsmap looks for one."""
+    depth_topic: str | None = None
+    """Topic of the depth images of a bag; without it dsmap looks for one."""
 
 
 def main(args: Args) -> None:
     """Print what was understood, and warnings."""
     sequence = open_sequence(
-        args.path, intrinsics=parse_intrinsics(args.intrinsics), depth_scale=args.depth_scale
-    )
+        args.path, intrinsics=parse_intrinsics(args.intrinsics), depth_scale=args.depth_scale,
+        options=Options(args.color_topic, args.depth_topic),
+    )  # fmt: skip
     depth = sample_depth(sequence)
     rows = [*describe(sequence), *describe_depth(depth)]
     width = max(len(name) for name, _ in rows)

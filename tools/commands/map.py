@@ -20,6 +20,7 @@ from dsmap.fusion.config import (
 )
 from dsmap.fusion.runs.map_recording import INTERRUPTED, Run, run
 from dsmap.sequences import Sequence, open_sequence
+from dsmap.sequences.formats import Options
 from dsmap.tools.mapping.output import draw, report, write_run
 from dsmap.tools.mapping.start import claim_folder, default_args, segmenter_spec, start
 from dsmap.tools.support.parse import parse_intrinsics, parse_size
@@ -28,7 +29,7 @@ from dsmap.tools.support.parse import parse_intrinsics, parse_size
 @dataclass
 class Args:
     path: tyro.conf.Positional[Path]
-    """The recording: a folder in TUM RGB-D, 7-Scenes or Redwood/Open3D layout."""
+    """The recording: a folder, or a file as cameras leave it (docs/guide/recordings.md)."""
     out: Path
     """RUN folder to write."""
     config: str | None = None
@@ -61,6 +62,10 @@ class Args:
     """fx,fy,cx,cy of the recording's own images [px]; before calibration.yaml and known defaults."""
     depth_scale: float | None = None
     """Stored depth units per metre, e.g. 1000 or 5000."""
+    color_topic: str | None = None
+    """Topic of the colour images of a bag; without it dsmap looks for one."""
+    depth_topic: str | None = None
+    """Topic of the depth images of a bag; without it dsmap looks for one."""
     undistort: bool = False
     """Remove lens distortion, where the calibration has one."""
     readout_s: float | None = None
@@ -137,6 +142,7 @@ def open_recording(args: Args) -> Sequence:
     sequence = open_sequence(
         args.path, intrinsics=parse_intrinsics(args.intrinsics), depth_scale=args.depth_scale,
         size=parse_size(args.size), start=args.start, stop=args.stop, stride=args.stride, undistort=args.undistort,
+        options=Options(args.color_topic, args.depth_topic),
     )  # fmt: skip
     if args.poses == "given" and not sequence.has_poses:
         raise InputError(

@@ -197,8 +197,9 @@ def resolve(
             for flag, value in (("--intrinsics fx,fy,cx,cy", intrinsics), ("--depth-scale", depth_scale))
             if value is None
         ]
+        file = (path if path.is_dir() else path.parent) / FILE
         raise InputError(
-            f"{path}: no camera calibration; write {path / FILE} (width, height, fx, fy, cx, cy, "
+            f"{path}: no camera calibration; write {file} (width, height, fx, fy, cx, cy, "
             f"depth_scale) or give {' and '.join(missing)}"
         )
     if base is None:

@@ -12,6 +12,7 @@ from dsmap.files import atomic_path
 from dsmap.sequences.associate import MAX_DIFFERENCE_S, pose_vector
 from dsmap.sequences.base import Sequence
 from dsmap.sequences.calibration import write_calibration
+from dsmap.sequences.images import Packed, Source, encoded
 from dsmap.sequences.mesh import FILE as MESH
 from dsmap.sequences.tum import read_image_list, read_poses
 from dsmap.sequences.writer import LISTS
@@ -82,7 +83,7 @@ def cut_sequence(sequence: Sequence, destination: Path | str, *, start_s: float,
     return CutResult({name: len(rows) for name, rows in lines.items()}, begin)
 
 
-Rows = list[tuple[float, Path]]
+Rows = list[tuple[float, Source]]
 Poses = list[tuple[float, np.ndarray]]
 
 
@@ -107,8 +108,14 @@ def _pair_content(sequence: Sequence) -> tuple[dict[str, Rows], Poses, float]:
     return images, poses, entries[0].time
 
 
-def _copy(destination: Path, name: str, time: float, source: Path) -> str:
+def _copy(destination: Path, name: str, time: float, source: Source) -> str:
     """Copy one image and return its line of the list."""
+    if isinstance(source, Packed):
+        suffix, data = encoded(source)
+        relative = f"{name}/{time:.6f}{suffix}"
+        with atomic_path(destination / relative) as path:
+            path.write_bytes(data)
+        return f"{time:.6f} {relative}"
     relative = f"{name}/{time:.6f}{source.suffix.lower()}"
     if not source.is_file():
         raise InputError(f"{source}: no such file, expected the image that a list names")

@@ -68,6 +68,17 @@ def read_ids(path: Source) -> np.ndarray:
     return ids
 
 
+def encoded(image: Packed) -> tuple[str, bytes]:
+    """Suffix and bytes of an image file that holds the same pixels. Raises InputError if they cannot be read."""
+    data = image.load()
+    if isinstance(data, bytes):
+        known = {b"\x89PNG": ".png", b"\xff\xd8": ".jpg"}
+        return next((suffix for begin, suffix in known.items() if data.startswith(begin)), ".png"), data
+    suffix = ".tiff" if data.dtype == np.float32 else ".png"
+    pixels = np.ascontiguousarray(data[..., ::-1]) if data.ndim == 3 else data
+    return suffix, cv2.imencode(suffix, pixels)[1].tobytes()
+
+
 def clean_depth(depth: np.ndarray) -> np.ndarray:
     """Depth with NaN, infinite and negative values set to 0 (no measurement)."""
     return np.where(np.isfinite(depth) & (depth > 0), depth, 0).astype(np.float32)

@@ -6,6 +6,7 @@ from dsmap.errors import InputError
 from dsmap.sequences.base import Recording, Sequence
 from dsmap.sequences.calibration import FILE, Calibration, known_default, read_calibration, resolve
 from dsmap.sequences.formats import OPTIONS, Options, find_reader
+from dsmap.sequences.formats.archive import is_archive, unpack
 from dsmap.sequences.images import image_size
 from dsmap.sequences.redwood import is_redwood, read_redwood
 from dsmap.sequences.seven_scenes import is_seven_scenes, read_seven_scenes
@@ -30,7 +31,8 @@ def open_sequence(
     """Open a recording; the layout is detected by looking at the folder or file.
 
     Args:
-        path: folder in the TUM RGB-D, 7-Scenes or Redwood/Open3D layout, or what a reader in `formats` takes.
+        path: folder in the TUM RGB-D, 7-Scenes or Redwood/Open3D layout, what a reader in `formats` takes, or
+            an archive (.zip, .tgz, ...) of one of these.
         intrinsics: fx, fy, cx, cy of the recording's own images [px]; before calibration.yaml and defaults.
         depth_scale: stored depth units per metre; before calibration.yaml and defaults.
         size: (width, height) of the frames to yield; colour is averaged, depth and ids are nearest.
@@ -44,9 +46,11 @@ def open_sequence(
     folder = Path(path)
     if not folder.exists():
         raise InputError(f"{folder}: found nothing, expected a recording's folder or file")
+    if is_archive(folder):
+        folder = unpack(folder, is_recording)
     stored = read_calibration(folder)
     recording = read_recording(folder, stored, options)
-    stored = stored or recording.calibration
+    stored = stored or _calibration_of(recording)
     entries = recording.entries[_slice(start, stop, stride)]
     if not entries:
         raise InputError(
@@ -84,8 +88,21 @@ def read_recording(folder: Path, stored: Calibration | None = None, options: Opt
     found = ", ".join(names[:_LISTED]) + more if names else "an empty folder"
     raise InputError(
         f"{folder}: not a recording; looked for rgb.txt and depth.txt (TUM), frame-*.depth.png (7-Scenes), "
-        f"depth/ beside image/ or color/ (Redwood); found {found}"
+        f"depth/ beside image/ or color/ (Redwood), and the formats of docs/guide/recordings.md; found {found}"
     )
+
+
+def is_recording(path: Path) -> bool:
+    """Whether a folder or file is a recording of any layout or format."""
+    return is_tum(path) or find_reader(path) is not None or is_seven_scenes(path) or is_redwood(path)
+
+
+def _calibration_of(recording: Recording) -> Calibration | None:
+    """The format's own camera; where it has none that is measured, a calibration.yaml beside a recording's file."""
+    own = recording.calibration
+    if recording.path.is_file() and (own is None or own.source.startswith("assumed")):
+        return read_calibration(recording.path.parent) or own
+    return own
 
 
 def _slice(start: int, stop: int | None, stride: int) -> slice:
@@ -110,8 +127,9 @@ def _image_size(recording: Recording, stored: Calibration | None) -> tuple[int, 
         return max(sizes, key=sizes.count)
     camera = stored.stored_colour
     if (camera.width, camera.height) not in sizes:
+        said = recording.path / FILE if stored.source == FILE else f"{recording.path}, {stored.source}"
         raise InputError(
-            f"{recording.path / FILE}: found width and height {camera.width}x{camera.height}, "
+            f"{said}: found width and height {camera.width}x{camera.height}, "
             f"expected {sizes[0][0]}x{sizes[0][1]} as the images have"
         )
     return stored.intrinsics.width, stored.intrinsics.height

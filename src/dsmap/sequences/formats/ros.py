@@ -1,0 +1,189 @@
+"""ROS 1 and ROS 2 bags: `.bag`, `.db3`, `.mcap`, or a folder of them; topics are found by their types."""
+
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from dsmap.errors import InputError
+from dsmap.frame import Intrinsics
+from dsmap.sequences.base import Recording
+from dsmap.sequences.calibration import Calibration
+from dsmap.sequences.formats.bag import Bag, Stamp, Topic, is_bag
+from dsmap.sequences.formats.parts import Stamped, recording_by_stamp, same_size, two_cameras
+from dsmap.sequences.formats.protocol import Options, Reader
+from dsmap.sequences.formats.ros_image import depth_units, kind, pixels
+from dsmap.sequences.formats.ros_tf import Frames
+from dsmap.sequences.images import Packed
+
+_IMAGES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
+_CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
+_ALIGNED = ("aligned", "registered", "depth_to_color", "depth_to_rgb")
+"""In the name of a depth topic that is seen from the colour camera."""
+_TRANSPORTS = ("compressed", "compressedDepth", "ffmpeg", "theora", "zstd")
+
+
+@dataclass(frozen=True)
+class Stream:
+    """One topic of images, as its first message shows it."""
+
+    topic: Topic
+    kind: str
+    """`depth`, `colour` or `grey`."""
+    frame_id: str
+    units: float
+    """Stored units per metre, of depth."""
+
+
+def _read(path: Path, options: Options) -> Recording:
+    bag = Bag(path)
+    colour, depth, notes = choose_streams(bag, options)
+    frames = Frames(bag)
+    calibration = _calibration(bag, colour, depth, frames, notes)
+    recording = read_streams("ros", bag, colour, depth, calibration, notes)
+    frame_id = colour.frame_id if calibration is None or calibration.color_camera is None else depth.frame_id
+    return frames.with_poses(recording, frame_id)
+
+
+READER = Reader("ros", is_bag, _read)
+
+
+def choose_streams(bag: Bag, options: Options) -> tuple[Stream, Stream, list[str]]:
+    """The colour and the depth topic to read, and notes on the choice.
+
+    Raises:
+        InputError: there is no colour or no depth topic, or the one asked for is not there.
+    """
+    streams: list[Stream] = []
+    for topic in bag.of_type(*_IMAGES):
+        first = bag.first(topic)
+        what = kind(first)
+        if what is not None:
+            streams.append(Stream(topic, what, first.header.frame_id, depth_units(first)))
+    colour = _chosen(bag, streams, "colour", options.color_topic, "--color-topic", _colour_rank)
+    depth = _chosen(bag, streams, "depth", options.depth_topic, "--depth-topic", _depth_rank)
+    notes = [f"colour from {colour.topic.name}, depth from {depth.topic.name}"]
+    others = [s.topic.name for s in streams if s.topic.name not in (colour.topic.name, depth.topic.name)]
+    if others and not (options.color_topic and options.depth_topic):
+        notes[0] += f"; not read: {', '.join(sorted(others))} (choose by --color-topic and --depth-topic)"
+    return colour, depth, notes
+
+
+def read_streams(
+    layout: str, bag: Bag, colour: Stream, depth: Stream, calibration: Calibration | None, notes: list[str]
+) -> Recording:
+    """Pair the images of two topics by the stamps of their headers. Raises InputError."""
+    return recording_by_stamp(
+        layout, bag.path, _stamped(bag, colour.topic), _stamped(bag, depth.topic), calibration, notes
+    )
+
+
+def camera_of(bag: Bag, topic: Topic) -> tuple[Intrinsics, str] | None:
+    """The camera of an image topic and the name of the CameraInfo topic that says so."""
+    infos = bag.of_type(_CAMERA_INFO)
+    if not infos:
+        return None
+    shared = {info.name: _shared_segments(info.name, topic.name) for info in infos}
+    best = max(infos, key=lambda info: (shared[info.name], -len(info.name)))
+    if len(infos) > 1 and shared[best.name] == 0:
+        return None
+    message = bag.first(best)
+    K = np.array(getattr(message, "K", getattr(message, "k", None)), np.float64)
+    D = np.array(getattr(message, "D", getattr(message, "d", ())), np.float64)
+    P = np.array(getattr(message, "P", getattr(message, "p", ())), np.float64)
+    if K.size != 9 or not (K[0] > 0 and K[4] > 0) or not message.width:
+        return None
+    distortion = None
+    if (
+        "rect" in topic.name.split("/")[-1 if not topic.name.endswith(_TRANSPORTS) else -2]
+        and P.size == 12
+        and P[0] > 0
+    ):
+        K = P.reshape(3, 4)[:, :3].ravel()  # rectified images are those of the projection matrix
+    elif message.distortion_model in ("plumb_bob", "") and D.size >= 4 and D[:5].any():
+        k1, k2, p1, p2, k3 = (float(v) for v in np.append(D, 0.0)[:5])
+        distortion = (k1, k2, p1, p2, k3)
+    width, height = int(message.width), int(message.height)
+    fx, cx, fy, cy = (float(K[i]) for i in (0, 2, 4, 5))
+    return Intrinsics(width, height, fx, fy, cx, cy, distortion), best.name
+
+
+def _stamped(bag: Bag, topic: Topic) -> list[Stamped]:
+    return [
+        Stamped(s.time, Packed(bag.path, f"{topic.name} at {s.time:.6f} s", partial(_pixels, bag, topic, s)))
+        for s in bag.stamps(topic)
+    ]
+
+
+def _pixels(bag: Bag, topic: Topic, stamp: Stamp) -> bytes | np.ndarray:
+    return pixels(bag.read(stamp, topic), f"{bag.path}, {topic.name} at {stamp.time:.6f} s")
+
+
+def _chosen(bag: Bag, streams: list[Stream], what: str, asked: str | None, flag: str, rank) -> Stream:
+    found = ", ".join(f"{s.topic.name} ({s.kind})" for s in streams)
+    if not found:
+        kinds = sorted({t.type for t in bag.topics})
+        found = f"no image topic among {len(bag.topics)} topics" + (
+            f" of {', '.join(kinds[:5])}" if kinds else ""
+        )
+    if asked is not None:
+        name = "/" + asked.strip("/")
+        match = [s for s in streams if s.topic.name == name]
+        if not match:
+            raise InputError(f"{bag.path}: found no image topic {name} for {flag}, expected one of: {found}")
+        return match[0]
+    able = [s for s in streams if s.kind == what or (what == "colour" and s.kind == "grey" and rank(s)[0])]
+    if not able:
+        raise InputError(f"{bag.path}: found no topic of {what} images, expected one; there are: {found}")
+    return max(able, key=rank)
+
+
+def _colour_rank(stream: Stream) -> tuple:
+    name = stream.topic.name.lower()
+    named = any(word in name for word in ("color", "colour", "rgb"))
+    compressed = stream.topic.type.endswith("CompressedImage")
+    return named, not compressed, "rect" in name, stream.topic.count, -len(name)
+
+
+def _depth_rank(stream: Stream) -> tuple:
+    name = stream.topic.name.lower()
+    odd = any(word in name for word in ("infra", "/ir", "confidence", "disparity"))
+    compressed = stream.topic.type.endswith("CompressedImage")
+    return (
+        not odd,
+        any(word in name for word in _ALIGNED),
+        "depth" in name,
+        not compressed,
+        stream.topic.count,
+    )
+
+
+def _shared_segments(info: str, topic: str) -> int:
+    a, b = info.split("/")[1:], topic.split("/")[1:]
+    count = 0
+    while count < min(len(a), len(b)) and a[count] == b[count]:
+        count += 1
+    return count
+
+
+def _calibration(
+    bag: Bag, colour: Stream, depth: Stream, frames: Frames, notes: list[str]
+) -> Calibration | None:
+    of_colour, of_depth = camera_of(bag, colour.topic), camera_of(bag, depth.topic)
+    found = of_colour or of_depth
+    if found is None:
+        return None
+    source = " and ".join(dict.fromkeys(name for _, name in filter(None, (of_colour, of_depth))))
+    camera = found[0]
+    aligned = colour.frame_id == depth.frame_id or any(word in depth.topic.name.lower() for word in _ALIGNED)
+    if of_colour is None or of_depth is None or (aligned and same_size(of_colour[0], of_depth[0])):
+        return Calibration(camera, depth.units, source)
+    T_color_depth = np.eye(4) if aligned else frames.between(colour.frame_id, depth.frame_id)
+    if T_color_depth is None:
+        T_color_depth = np.eye(4)
+        notes.append(
+            f"assumed: {depth.frame_id or 'depth'} and {colour.frame_id or 'colour'} at one place, "
+            "as the bag holds no transform between them"
+        )
+    return two_cameras(of_colour[0], of_depth[0], T_color_depth, depth.units, source)
