@@ -5,7 +5,6 @@ import time
 from collections import defaultdict
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 
 import numpy as np
 import warp as wp
@@ -13,7 +12,6 @@ import warp as wp
 from dsmap.errors import InputError
 from dsmap.frame import Frame, Intrinsics, orthonormal
 from dsmap.fusion.config import MapConfig
-from dsmap.fusion.device import chosen_device
 from dsmap.fusion.labels.gravity import MapGravity
 from dsmap.fusion.labels.segment import segment
 from dsmap.fusion.labels.semantics import Schedule
@@ -23,17 +21,19 @@ from dsmap.fusion.loops.record import LoopRecord, Moment
 from dsmap.fusion.segmenter import Segmenter, wants_geometry
 from dsmap.fusion.step_result import StepResult
 from dsmap.fusion.surfels.integrator import Integrator
+from dsmap.fusion.surfels.model_view import ModelView
 from dsmap.fusion.surfels.views import Views, has_left, pyramid_cameras
 from dsmap.fusion.tracking.motion_filter import Motion
 from dsmap.fusion.tracking.moving_things import MovingThings, without
 from dsmap.fusion.tracking.pose_check import PoseCheck
 from dsmap.fusion.tracking.rolling_shutter import at_once, put_right, rolling
-from dsmap.fusion.tracking.tracker import ModelView, Tracker
+from dsmap.fusion.tracking.tracker import Tracker
 from dsmap.fusion.trajectory import TrajectoryPoint, extrapolated
 from dsmap.kernels.compact import Sweep
 from dsmap.kernels.culling import Blocks
 from dsmap.kernels.label import posterior
 from dsmap.kernels.preprocess import clean_depth, preprocess
+from dsmap.kernels.runtime import chosen_device
 from dsmap.kernels.types import FrameMaps, SurfelMap
 
 LEVELS = 3
@@ -159,12 +159,6 @@ class Mapper:
         """Class probabilities of every surfel under the configured rule, shape (N, 13), uniform if unlabelled."""
         labels = self.config.labels
         return posterior(self.surfels, rule=labels.rule, temperature=labels.temperature)
-
-    def save(self, run_dir: Path | str) -> None:
-        """Write map.ply, labels.ply, trajectory.txt, classes.json and the checkpoint into a folder."""
-        from dsmap.fusion.runs.run_folder import save_run
-
-        save_run(self, Path(run_dir))
 
     @property
     def up(self) -> np.ndarray:

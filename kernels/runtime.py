@@ -1,10 +1,12 @@
-"""Warp's settings, made once before anything else touches Warp. Import `wp` from here first in a new module."""
+"""Warp's settings, made once before anything else touches Warp, and the device that kernels run on."""
 
 import os
 import sys
 import tempfile
 
 import warp as wp
+
+from dsmap.errors import InputError
 
 _NO_DRIVER = b"Could not find or load the NVIDIA CUDA driver"
 
@@ -29,3 +31,19 @@ def _initialise() -> None:
 
 
 _initialise()
+
+
+def chosen_device(name: str) -> wp.Device:
+    """The device of `auto`, `cpu`, `cuda` or `cuda:N`.
+
+    Raises:
+        InputError: there is no CUDA here.
+    """
+    chosen = name
+    if name == "auto":
+        chosen = "cuda:0" if wp.is_cuda_available() else "cpu"
+    if chosen.startswith("cuda") and not wp.is_cuda_available():
+        raise InputError(
+            f"device {name!r} was asked for, but this machine has no CUDA driver; expected --device cpu"
+        )
+    return wp.get_device(chosen)

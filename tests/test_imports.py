@@ -1,12 +1,14 @@
 """The import rule: tools -> {fusion, dsnet, sim_scenes} -> dsmap root modules; fusion, dsnet -> kernels.
 
-The siblings fusion, dsnet and sim_scenes never import each other, and nothing imports upwards.
+The siblings fusion, dsnet and sim_scenes never import each other, and nothing imports upwards; inside fusion and
+sim_scenes the folders have an order, too. There are no circles, imports inside functions and for types alone included.
 """
 
 import ast
 import importlib.util
 import subprocess
 import sys
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -21,6 +23,17 @@ ALLOWED = {
     "tools": {"root", "fusion", "dsnet", "sim_scenes", "kernels", "tools"},
 }
 """Folder to the parts of dsmap that it may import."""
+ORDER = {
+    "fusion": (
+        "config lie trajectory segmenter", "labels surfels", "tracking", "places", "loops", "step_result mapper",
+        "mapper_state localise", "runs", "pictures", "evaluate",
+    ),
+    "sim_scenes": (
+        "geometry", "scene", "textures", "pieces space", "physics", "rooms", "camera_paths importers render sensors",
+        "recording",
+    ),
+}  # fmt: skip
+"""Folders and files of a part, lowest first: each may import its own line and those before."""
 ROOT_PACKAGES = {"numpy", "cv2", "yaml", "scipy", "dsmap"} | sys.stdlib_module_names
 HEAVY = ("torch", "OpenGL", "mujoco", "mujoco_warp", "open3d", "viser", "pyrender")
 
@@ -65,3 +78,44 @@ def test_the_core_loads_neither_torch_nor_a_renderer(module):
     code = f"import sys, {module}; print([m for m in {HEAVY!r} if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip().endswith("[]"), done.stdout
+
+
+def modules() -> dict[str, Path]:
+    """Dotted name to file of everything under `dsmap`."""
+    found: dict[str, Path] = {}
+    for folder in ALLOWED:
+        root = REPOSITORY / folder
+        for file in root.rglob("*.py"):
+            words = file.relative_to(root).with_suffix("").parts
+            start = ("dsmap",) if folder == "src/dsmap" else ("dsmap", folder)
+            found[".".join((*start, *words)).removesuffix(".__init__")] = file
+    return found
+
+
+def test_there_are_no_circles():
+    known = modules()
+    graph = {name: (imported(file) | packages(file)) & known.keys() - {name} for name, file in known.items()}
+    assert len(graph) > 200
+    try:
+        list(TopologicalSorter(graph).static_order())
+    except CycleError as error:
+        raise AssertionError(" -> ".join(error.args[1])) from None
+
+
+def packages(file: Path) -> set[str]:
+    """The modules of `from module import name`."""
+    nodes = ast.walk(ast.parse(file.read_text(), str(file)))
+    return {str(node.module) for node in nodes if isinstance(node, ast.ImportFrom)}
+
+
+@pytest.mark.parametrize("part_of_dsmap", ORDER)
+def test_folders_import_only_what_lies_below(part_of_dsmap):
+    level = {name: i for i, line in enumerate(ORDER[part_of_dsmap]) for name in line.split()}
+    for file in sorted((REPOSITORY / part_of_dsmap).rglob("*.py")):
+        words = file.relative_to(REPOSITORY / part_of_dsmap).with_suffix("").parts
+        if words == ("__init__",):
+            continue
+        for name in imported(file):
+            target = name.split(".")
+            if target[:2] == ["dsmap", part_of_dsmap] and len(target) > 2:
+                assert level[target[2]] <= level[words[0]], f"{file}: imports {name}, which lies above"

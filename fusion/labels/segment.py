@@ -4,12 +4,12 @@ import numpy as np
 
 from dsmap.frame import Frame, Intrinsics
 from dsmap.fusion.config import MapConfig
-from dsmap.fusion.device import chosen_device
 from dsmap.fusion.labels.gravity import MapGravity
 from dsmap.fusion.labels.upright import segment_upright
 from dsmap.fusion.segmenter import Segmenter, wants_geometry
 from dsmap.kernels.camera import make_camera
 from dsmap.kernels.preprocess import clean_depth, preprocess
+from dsmap.kernels.runtime import chosen_device
 from dsmap.kernels.types import FrameMaps
 
 

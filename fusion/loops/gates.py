@@ -5,8 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from dsmap.fusion.config import LoopConfig
-from dsmap.fusion.places.relocalise import correlation
-from dsmap.fusion.tracking.tracker import Health, ModelView, Tracker
+from dsmap.fusion.surfels.model_view import ModelView
+from dsmap.fusion.tracking.agreement import correlation
+from dsmap.fusion.tracking.tracker import Health, Tracker
 
 _SLACK = 0.03
 _SLACK_Z2 = 0.01

@@ -23,8 +23,9 @@ from dsmap.fusion.places.ferns import FernDatabase, small_size, small_view
 from dsmap.fusion.places.relocalise import Relocaliser
 from dsmap.fusion.places.rotation_search import swept
 from dsmap.fusion.places.sightings import Sightings
+from dsmap.fusion.surfels.model_view import ModelView
 from dsmap.fusion.surfels.views import Views
-from dsmap.fusion.tracking.tracker import Health, ModelView, Tracker
+from dsmap.fusion.tracking.tracker import Health, Tracker
 from dsmap.fusion.trajectory import TrajectoryPoint, extrapolated, poses_of, way
 from dsmap.kernels.deform import INFLUENCES
 from dsmap.kernels.preprocess import intensity_map

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from dsmap.fusion.lie import inverse
-from dsmap.fusion.tracking.tracker import Health, ModelView
+from dsmap.fusion.surfels.model_view import ModelView
+from dsmap.fusion.tracking.tracker import Health
 from dsmap.fusion.trajectory import TrajectoryPoint
 from dsmap.kernels.types import FrameMaps, ModelMaps
 

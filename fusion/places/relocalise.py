@@ -9,52 +9,26 @@ with the model, because look-alike places agree where they were registered and d
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any
 
-import cv2
 import numpy as np
 import warp as wp
 
 from dsmap.frame import Intrinsics, orthonormal
 from dsmap.fusion.config import RelocaliseConfig, TrackConfig
 from dsmap.fusion.places.ferns import Keyframe, SmallView, small_view
-from dsmap.fusion.tracking.texture import at_all_shifts, detail, textured
-from dsmap.fusion.tracking.tracker import Health, ModelView, Tracker
+from dsmap.fusion.surfels.model_view import ModelView
+from dsmap.fusion.tracking.agreement import Agreement, agreement, disagreement
+from dsmap.fusion.tracking.tracker import Health, Tracker
 from dsmap.kernels.camera import make_camera
 from dsmap.kernels.preprocess import preprocess
 from dsmap.kernels.types import FrameMaps
 
 _SMALL_LEVELS = 2
 """Pyramid levels of a small view: 80x60 and 40x30."""
-_RIVAL_WIDTH = 160
-"""Shifts are tried on images this wide [px]."""
-_FARTHEST = 0.4
-"""Largest shift, as a share of the image's size."""
-_LEAST_SHARED = 0.4
-"""Shifts that leave less than this share of the common pixels are not considered."""
 _GUESS = -1
 """Index of a keyframe that is a guess."""
 _CPU = wp.get_device("cpu")
-_WINDOW = np.ones((3, 3), np.uint8)
-
-
-@dataclass
-class Agreement:
-    """How a frame and the model view at its pose agree, over the whole image."""
-
-    overlap: float
-    """Share of the frame's pixels with depth where the model has a surface."""
-    same: float
-    """Of these, the share whose depths agree."""
-    seen_through: float
-    """Of these, the share where the frame looks through the model's surface: that surface cannot be there."""
-    ncc: float
-    """Normalised cross-correlation of the intensities where depths agree, -1..1; brightness and contrast cancel."""
-    texture: float
-    """The same with contrast made alike everywhere: grain counts as much as outlines."""
-    rival: float
-    """What `texture` gains if the image is shifted by up to two fifths of its size: true poses gain nothing."""
 
 
 @dataclass
@@ -177,83 +151,3 @@ class Relocaliser:
         model = ModelView(last[0].vertex, last[0].normal, last[0].intensity, _SMALL_LEVELS, np.eye(4))
         self._small.remember(last[-1].intensity)
         return self._small.track(preprocess(view.rgb, view.depth, self._small_cameras, _CPU), model)
-
-
-def agreement(frame: FrameMaps, vertex: wp.array, intensity: wp.array, config: RelocaliseConfig) -> Agreement:
-    """Compare a frame with the model rendered from the frame's own pose, pixel by pixel.
-
-    A depth agrees if it lies between the nearest and the farthest model depth of its 3x3 pixels, give or
-    take the sensor's noise: a pixel's shift at an edge is no disagreement.
-
-    Args:
-        frame: of any pyramid level.
-        vertex, intensity: of the model, at the same level.
-    """
-    skip = max(frame.vertex.shape[1] // 320, 1)
-    z = frame.vertex.numpy()[::skip, ::skip, 2]
-    model_z = vertex.numpy()[::skip, ::skip, 2]
-    known = model_z > 0
-    farthest = cv2.dilate(model_z, _WINDOW)
-    nearest = cv2.erode(np.where(known, model_z, np.float32(1e3)), _WINDOW)
-    slack = config.slack + config.slack_z2 * z * z
-    both = (z > 0) & known
-    through = both & (z > farthest + slack)
-    same = both & ~through & (z > nearest - slack)
-    # Rims of things, which a sensor tears, are thin; a surface that is not there is not.
-    through = cv2.morphologyEx(through.astype(np.uint8), cv2.MORPH_OPEN, _WINDOW)
-    total = max(np.count_nonzero(both), 1)
-    light, model_light = (image.numpy()[::skip, ::skip] for image in (frame.intensity, intensity))
-    texture, rival = texture_match(light, model_light, same)
-    return Agreement(
-        overlap=float(np.count_nonzero(both) / max(np.count_nonzero(z > 0), 1)),
-        same=float(np.count_nonzero(same) / total),
-        seen_through=float(np.count_nonzero(through) / total),
-        ncc=correlation(light, model_light, same),
-        texture=texture,
-        rival=rival,
-    )
-
-
-def disagreement(found: Agreement, config: RelocaliseConfig) -> str:
-    """Why a pose is not believed, in words; empty if it is."""
-    reasons = [
-        (found.overlap < config.min_overlap, f"the model covers only {found.overlap:.0%} of the depth image"),
-        (
-            found.seen_through > config.max_seen_through,
-            f"{found.seen_through:.0%} of the model is seen through",
-        ),
-        (found.same < config.min_same, f"only {found.same:.0%} of the depths agree with the model"),
-        (found.ncc < config.min_ncc, f"the colours do not correlate ({found.ncc:.2f})"),
-        (found.texture < config.min_texture, f"the texture does not correlate ({found.texture:.2f})"),
-        (found.rival > config.max_rival, f"shifted, the colours correlate better (by {found.rival:.2f})"),
-    ]
-    return next((text for bad, text in reasons if bad), "")
-
-
-def correlation(a: np.ndarray, b: np.ndarray, mask: np.ndarray) -> float:
-    """Correlation of two intensity images within a mask, after the local mean is taken off both.
-
-    Without that, any bright wall over any dark floor would correlate.
-    """
-    a, b = (detail(image, mask)[mask] for image in (a, b))
-    norm = float(np.sqrt((a @ a) * (b @ b)))
-    return float(a @ b) / norm if norm > 1e-9 else 0.0
-
-
-def texture_match(a: np.ndarray, b: np.ndarray, mask: np.ndarray) -> tuple[float, float]:
-    """Correlation of two images' texture as they are, and how much it grows at most if one is shifted.
-
-    On a wall, a door or a blind with a repeated pattern registration may settle one repetition off. Contrast
-    is made the same everywhere, or a door's frame would outweigh the grain of its wood.
-    """
-    scale = min(_RIVAL_WIDTH / a.shape[1], 1.0)
-    images = [cv2.resize(i, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA) for i in (a, b)]
-    mask = cv2.resize(mask.astype(np.uint8), images[0].shape[::-1], interpolation=cv2.INTER_NEAREST) > 0
-    (a, weight), (b, _) = (textured(image, mask) for image in images)
-    reach = y, x = int(_FARTHEST * mask.shape[0]), int(_FARTHEST * mask.shape[1])
-    shifted = partial(at_all_shifts, reach=reach)
-    power = shifted(b * b, weight) * shifted(weight, a * a)
-    enough = shifted(weight, weight) > _LEAST_SHARED * weight.sum()
-    gain = np.where(enough & (power > 1e-9), shifted(b, a) / np.sqrt(np.maximum(power, 1e-9)), 0.0)
-    here = float(gain[y - 1 : y + 2, x - 1 : x + 2].max())
-    return here, max(float(gain.max()) - here, 0.0)

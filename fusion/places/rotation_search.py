@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from dsmap.fusion.lie import exp_so3
-from dsmap.fusion.tracking.texture import at_all_shifts, textured
+from dsmap.fusion.tracking.agreement import at_all_shifts, textured
 from dsmap.kernels.types import FrameMaps
 
 ASIDE_DEG = 25.0

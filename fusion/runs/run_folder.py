@@ -1,4 +1,4 @@
-"""What a run leaves behind: the RUN folder of `dsmap map`, also written by `Mapper.save`."""
+"""What a run leaves behind: the RUN folder of `dsmap map`, which Python users write with `save_run`."""
 
 import dataclasses
 import json
@@ -24,13 +24,14 @@ WARM_UP = 5
 
 
 def save_run(
-    mapper: Mapper, run_dir: Path, *, with_probabilities: bool = False, checkpoint: bool = True
+    mapper: Mapper, run_dir: Path | str, *, with_probabilities: bool = False, checkpoint: bool = True
 ) -> None:
     """Write map.ply, labels.ply, trajectory.txt, loops.json, classes.json and checkpoint.safetensors.
 
     Every file is whole or absent: each is written under a temporary name and renamed. Trajectory and loops
     are those of this recording; frames of an earlier one, whose map it started in, have negative numbers.
     """
+    run_dir = Path(run_dir)
     surfels = mapper.surfels.numpy()
     probabilities = mapper.probabilities() if with_probabilities else None
     write_ply(run_dir / "map.ply", surfels, probabilities=probabilities, up=mapper.up)

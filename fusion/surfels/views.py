@@ -10,7 +10,7 @@ import warp as wp
 from dsmap.frame import Intrinsics
 from dsmap.fusion.config import MapConfig, TrackConfig
 from dsmap.fusion.lie import apart
-from dsmap.fusion.tracking.tracker import ModelView
+from dsmap.fusion.surfels.model_view import ModelView
 from dsmap.kernels.camera import make_camera
 from dsmap.kernels.culling import Blocks
 from dsmap.kernels.index_map import ALWAYS

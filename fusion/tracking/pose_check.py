@@ -12,8 +12,8 @@ import numpy as np
 
 from dsmap.fusion.config import MapConfig
 from dsmap.fusion.lie import apart, inverse
-from dsmap.fusion.places.relocalise import agreement, disagreement
 from dsmap.fusion.surfels.views import Views
+from dsmap.fusion.tracking.agreement import agreement, disagreement
 from dsmap.fusion.tracking.tracker import Health
 from dsmap.fusion.trajectory import TrajectoryPoint
 from dsmap.kernels.preprocess import intensity_map

@@ -9,11 +9,11 @@ import warp as wp
 
 from dsmap.fusion.config import TrackConfig
 from dsmap.fusion.lie import exp_se3, inverse, log_se3, solve, uncertainty
+from dsmap.fusion.surfels.model_view import ModelView
 from dsmap.fusion.tracking.motion_filter import Expected
 from dsmap.fusion.tracking.prealign import RotationAligner
 from dsmap.fusion.tracking.rolling_shutter import Rolling
-from dsmap.kernels.odometry import Gates, gradient, joint_normal_equations
-from dsmap.kernels.preprocess import half_surface
+from dsmap.kernels.odometry import Gates, joint_normal_equations
 from dsmap.kernels.types import FrameMaps
 
 _CONVERGED = 3e-5
@@ -51,35 +51,6 @@ class Health:
     """Associated pixels, as if the image had 640x480 and every pixel counted."""
     cofactor: np.ndarray
     """Diagonal of (J^T J)^-1 at that many pixels, shape (6,)."""
-
-
-class ModelView:
-    """The model as predicted from one pose: a pyramid of (vertex, normal, intensity, gradient).
-
-    The maps given are those of pyramid level `finest`; `levels` has None below it.
-    """
-
-    def __init__(
-        self,
-        vertex: wp.array,
-        normal: wp.array,
-        intensity: wp.array,
-        levels: int,
-        T_world_camera: np.ndarray,
-        finest: int = 0,
-    ):
-        self.T_world_camera = T_world_camera
-        self.finest = finest
-        self.levels: list[Any] = [None] * finest
-        for level in range(finest, levels):
-            if level > finest:
-                vertex, normal, intensity = half_surface(vertex, normal, intensity)
-            self.levels.append((vertex, normal, intensity, gradient(intensity, vertex)))
-
-    @property
-    def surface(self) -> list[Any]:
-        """(vertex, normal, intensity) a level: the view as something that can itself be registered."""
-        return [level and level[:3] for level in self.levels]
 
 
 def exposure_gain(frame: tuple, model: tuple) -> float:

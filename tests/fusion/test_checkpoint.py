@@ -22,6 +22,7 @@ from dsmap.fusion.localise import Localiser
 from dsmap.fusion.mapper import Mapper
 from dsmap.fusion.mapper_state import enter, mapper_state, restore
 from dsmap.fusion.runs.checkpoint import FORMAT, load_map, read_metadata, save_map
+from dsmap.fusion.runs.run_folder import save_run
 
 
 def everything(m: Mapper) -> dict[str, np.ndarray]:
@@ -154,7 +155,7 @@ def test_extending_goes_on_in_the_same_world(saved, tmp_path):
     assert found[2:].all() and errors(m, steps)[found].max() < 0.03
     assert m.first_frame == 40 and len(m.trajectory) == 70
     assert m.surfels.count > 1.2 * old.surfels.count and len(m.closer.ferns) > len(old.closer.ferns)
-    m.save(tmp_path)
+    save_run(m, tmp_path)
     times = np.loadtxt(tmp_path / "trajectory.txt")[:, 0]
     assert len(times) == 30 and times[0] == 0, "the trajectory is that of the new recording"
     assert_same(m, reborn(m, tmp_path / "again.safetensors"))

@@ -16,6 +16,7 @@ from dsmap.fusion.mapper_state import restore
 from dsmap.fusion.runs.checkpoint import load_map, save_map
 from dsmap.fusion.runs.ply import up_of_ply
 from dsmap.fusion.runs.read_run import load_run
+from dsmap.fusion.runs.run_folder import save_run
 
 
 class Curious:
@@ -148,7 +149,7 @@ def test_a_robot_sees_its_wide_floor_from_near(no_warnings):
 
 def test_a_run_says_which_way_is_up(tmp_path):
     mapper, _ = mapped(3)
-    mapper.save(tmp_path)
+    save_run(mapper, tmp_path)
     up = up_of_ply(tmp_path / "map.ply")
     np.testing.assert_allclose(up, mapper.up, atol=1e-5)
     np.testing.assert_array_equal(load_run(tmp_path).gravity.up, mapper.gravity.up)

@@ -14,6 +14,7 @@ from dsmap.fusion.labels.semantics import GroundTruthSegmenter, Schedule
 from dsmap.fusion.lie import exp_se3, inverse
 from dsmap.fusion.mapper import Mapper
 from dsmap.fusion.runs.checkpoint import load_map
+from dsmap.fusion.runs.run_folder import save_run
 
 
 def test_tracks_and_fuses():
@@ -115,7 +116,7 @@ def test_checkpoint_round_trip(tmp_path):
     mapper = Mapper(config(poses="given"), INTRINSICS, GroundTruthSegmenter())
     for frame in FRAMES[:3]:
         mapper.step(frame)
-    mapper.save(tmp_path)
+    save_run(mapper, tmp_path)
     surfels, meta = load_map(tmp_path / "checkpoint.safetensors")
     for name, array in mapper.surfels.numpy().items():
         np.testing.assert_array_equal(surfels.numpy()[name], array)

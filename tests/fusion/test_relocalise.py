@@ -11,18 +11,13 @@ from dsmap.fusion.config import FernConfig, MapConfig, RelocaliseConfig
 from dsmap.fusion.lie import exp_se3, inverse, rotation_angle
 from dsmap.fusion.mapper import LEVELS, Mapper
 from dsmap.fusion.places.ferns import FernDatabase, small_size, small_view
-from dsmap.fusion.places.relocalise import (
-    Relocaliser,
-    Relocation,
-    agreement,
-    correlation,
-    disagreement,
-    texture_match,
-)
+from dsmap.fusion.places.relocalise import Relocaliser, Relocation
 from dsmap.fusion.places.rotation_search import best_shift, swept
 from dsmap.fusion.places.sightings import Sightings
+from dsmap.fusion.surfels.model_view import ModelView
+from dsmap.fusion.tracking.agreement import agreement, correlation, disagreement, texture_match
 from dsmap.fusion.tracking.pose_check import PoseCheck
-from dsmap.fusion.tracking.tracker import Health, ModelView
+from dsmap.fusion.tracking.tracker import Health
 from dsmap.fusion.trajectory import TrajectoryPoint, extrapolated
 from dsmap.kernels.predict import predict_model
 from dsmap.kernels.preprocess import clean_depth, intensity_map, preprocess

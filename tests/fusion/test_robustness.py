@@ -13,7 +13,7 @@ from dsmap.fusion.lie import exp_se3, exp_so3, inverse, rotation_angle
 from dsmap.fusion.mapper import LEVELS, Mapper
 from dsmap.fusion.places.ferns import FernDatabase, small_size, small_view
 from dsmap.fusion.places.relocalise import Relocaliser
-from dsmap.fusion.tracking.tracker import ModelView
+from dsmap.fusion.surfels.model_view import ModelView
 from dsmap.kernels.predict import predict_model
 from dsmap.kernels.preprocess import clean_depth, intensity_map, preprocess
 from dsmap.kernels.types import ModelMaps
@@ -150,7 +150,7 @@ def test_revisits_of_rendered_rooms_are_found_and_other_rooms_are_not():
     from dsmap.sim_scenes.recording.open_scene import open_scene
     from dsmap.sim_scenes.recording.options import RenderOptions, plan_take
     from dsmap.sim_scenes.recording.record import iter_frames
-    from dsmap.sim_scenes.render.warp_renderer import open_renderer
+    from dsmap.sim_scenes.render.open_renderer import open_renderer
     from dsmap.sim_scenes.sensors.kinect import kinect_depth
 
     rooms = []

@@ -11,8 +11,9 @@ from dsmap.frame import Frame
 from dsmap.fusion.config import MapConfig, TrackConfig
 from dsmap.fusion.lie import exp_se3, inverse, rotation_angle
 from dsmap.fusion.mapper import Mapper
+from dsmap.fusion.surfels.model_view import ModelView
 from dsmap.fusion.tracking.rolling_shutter import Rolling, at_once, put_right, rolling
-from dsmap.fusion.tracking.tracker import ModelView, Tracker
+from dsmap.fusion.tracking.tracker import Tracker
 from dsmap.fusion.trajectory import TrajectoryPoint
 from dsmap.kernels.preprocess import preprocess
 from dsmap.kernels.shutter import global_shutter
