@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -164,9 +165,9 @@ def test_a_covered_lens_is_found_again():
 
 def test_loops_do_not_depend_on_the_number_of_threads(tmp_path):
     program = (
-        "import sys, numpy as np; sys.path.insert(0, 'tests')\n"
+        f"import sys, numpy as np; sys.path[:0] = {[str(Path(__file__).parent), *sys.path]!r}\n"
         "from dsmap.kernels import launch; launch._SMALL = 100\n"
-        "from test_fusion_loops import *\n"
+        "from test_loops import *\n"
         "m = mapper(); there_and_back(m, DRIFT)\n"
         "poses = np.array([p.T_world_camera for p in m.trajectory])\n"
         "np.savez(sys.argv[1], **m.surfels.numpy(), poses=poses, ferns=m.closer.ferns.poses, loops=len(m.loops))\n"

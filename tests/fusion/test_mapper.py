@@ -1,5 +1,7 @@
 """The mapper end to end on a small ray-cast room, without a network and without the simulator."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from corner_frames import FLOOR, FRAMES, WALL, config
@@ -147,9 +149,9 @@ def test_results_do_not_depend_on_the_number_of_threads(tmp_path):
     import sys
 
     program = (
-        "import sys, numpy as np; sys.path.insert(0, 'tests')\n"
+        f"import sys, numpy as np; sys.path[:0] = {[str(Path(__file__).parent), *sys.path]!r}\n"
         "from dsmap.kernels import launch; launch._SMALL = 100\n"
-        "from test_fusion_mapper import *\n"
+        "from test_mapper import *\n"
         "m = Mapper(config(), INTRINSICS, GroundTruthSegmenter(0.2))\n"
         "[m.step(f) for f in FRAMES[:5]]\n"
         "np.savez(sys.argv[1], **m.surfels.numpy(), pose=m.T_world_camera)\n"
