@@ -15,7 +15,7 @@ from corner_frames import FRAMES, record
 from dsmap.fusion.runs.read_run import load_run
 from dsmap.tools.cli import COMMANDS, run, usage
 
-README = Path(__file__).parents[2] / "README.md"
+GUIDE = Path(__file__).parents[2] / "docs" / "guide" / "output.md"
 MAP = ["--segmenter", "labels", "--device", "cpu"]
 
 
@@ -129,8 +129,8 @@ def test_the_program_explains_itself():
     assert unknown.returncode == 2 and "unknown command 'fly'" in unknown.stderr
 
 
-def test_readme_example_runs(recording, tmp_path, monkeypatch):
-    blocks = re.findall(r"```python\n(.*?)```", README.read_text(), flags=re.DOTALL)
+def test_the_example_of_the_guide_runs(recording, tmp_path, monkeypatch):
+    blocks = re.findall(r"```python\n(.*?)```", GUIDE.read_text(), flags=re.DOTALL)
     assert len(blocks) == 1
     monkeypatch.chdir(tmp_path)
     (tmp_path / "recording").symlink_to(recording)
