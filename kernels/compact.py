@@ -13,7 +13,7 @@ from dsmap.kernels.types import ARRAYS, SurfelMap
 DEAD_SHARE = 0.15
 """Share of dead surfels, of the whole map or of its newer end, from which moving the others up pays."""
 MIN_DEAD = 1024
-"""Fewer dead surfels are not worth a sweep."""
+"""Fewer dead surfels are not worth a compaction."""
 
 
 def compact(surfels: SurfelMap, first: int = 0) -> int:
@@ -31,7 +31,7 @@ def compact(surfels: SurfelMap, first: int = 0) -> int:
     return removed
 
 
-class Sweep:
+class Compaction:
     """Compaction that goes on from frame to frame: at most `rows` rows are looked at and moved at a time.
 
     A sweep starts where the rest of the map holds enough dead surfels to pay. Most die young, at the map's
@@ -41,11 +41,11 @@ class Sweep:
 
     def __init__(self, surfels: SurfelMap, blocks: Blocks, rows: int = 1 << 16):
         self.surfels, self.blocks, self.rows = surfels, blocks, rows
-        self._to = self._next = 0  # [to, next) is the gap; no sweep runs where next == 0
+        self._to = self._next = 0  # [to, next) is the gap; no compaction runs where next == 0
 
     @property
     def cursor(self) -> tuple[int, int]:
-        """Rows (to, next) between which the gap lies; next is 0 where no sweep runs. May be set, to go on."""
+        """Rows (to, next) between which the gap lies; next is 0 where no compaction runs. May be set, to go on."""
         return self._to, self._next
 
     @cursor.setter
@@ -53,7 +53,7 @@ class Sweep:
         self._to, self._next = rows
 
     def step(self) -> bool:
-        """One frame's share, or the start of a sweep where one pays; returns whether surfels were moved."""
+        """One frame's share, or the start of a compaction where one pays; returns whether surfels were moved."""
         m = self.surfels
         if self._next == 0:
             start = sweep_from(self.blocks.dead)
@@ -78,7 +78,7 @@ class Sweep:
 
 
 def sweep_from(dead: np.ndarray) -> int | None:
-    """First block of the longest end of the map that is worth a sweep; None where none is.
+    """First block of the longest end of the map that is worth a compaction; None where none is.
 
     dead: dead surfels of every block, shape (blocks,).
     """

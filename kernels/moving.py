@@ -65,7 +65,7 @@ def _carried(
         things[y, x] = found
 
 
-def was_free(
+def was_free_space(
     camera: Camera,
     vertex: wp.array,
     T_past_camera: Sequence[np.ndarray],
@@ -93,7 +93,7 @@ def was_free(
     launch_rows(_was_free, camera.height, camera.width * len(past), inputs, [free, known], device)
 
 
-def carried(
+def carried_over(
     camera: Camera,
     vertex: wp.array,
     T_last_camera: np.ndarray,

@@ -1,11 +1,12 @@
 """Residuals of frame-to-model tracking and their normal equations: point-to-plane and photometric.
 
 One pass over the current frame's pixels serves both terms, because both project the same point into the
-same model view. T is T_prev_cur: it takes points of the current camera into the previous one, the model view.
+same model view. T_view_camera takes points of the current camera into the model view (T_prev_cur of the paper).
 """
 
 import functools
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 import warp as wp
@@ -14,6 +15,7 @@ from dsmap.kernels.camera import Camera, pixel_of, project, ray, rotate, to_tran
 from dsmap.kernels.launch import Slice, launch_rows, record_rows
 from dsmap.kernels.pixel_min import scratch
 from dsmap.kernels.shutter import Shutter, make_shutter, moved
+from dsmap.kernels.types import Surface
 
 SUMS = 29
 """Sums a residual term: 21 of the upper triangle of J^T J, 6 of J^T r, r^2, number of residuals."""
@@ -26,7 +28,7 @@ _sums3 = wp.types.vector(length=11, dtype=wp.float32)
 
 
 @wp.struct
-class Gates:
+class TrackingGates:
     """What a residual must pass to count."""
 
     max_distance: wp.float32  # [m] between associated points
@@ -81,7 +83,7 @@ def _bilinear2(image: wp.array2d(dtype=wp.vec2), u: wp.vec2, x0: int, y0: int) -
 
 @wp.kernel(enable_backward=False)
 def _joint(
-    s: Slice, camera: Camera, T: wp.mat44, shutter: Shutter, gates: Gates,
+    s: Slice, camera: Camera, T: wp.mat44, shutter: Shutter, gates: TrackingGates,
     vertex: wp.array2d(dtype=wp.vec3), normal: wp.array2d(dtype=wp.vec3), intensity: wp.array2d(dtype=float),
     model_vertex: wp.array2d(dtype=wp.vec3), model_normal: wp.array2d(dtype=wp.vec3),
     model_intensity: wp.array2d(dtype=float), model_gradient: wp.array2d(dtype=wp.vec2),
@@ -197,6 +199,29 @@ def _gradient(
         gradient[y, x] = g
 
 
+@dataclass(frozen=True)
+class NormalEquations:
+    """Of a least squares problem in n numbers: A x = b is solved by its Gauss-Newton step."""
+
+    A: np.ndarray
+    """J^T J, shape (n, n)."""
+    b: np.ndarray
+    """J^T r, shape (n,)."""
+    squares: float
+    """Sum of the squared residuals."""
+    count: int
+    """Of the residuals."""
+
+    def __add__(self, other: "NormalEquations") -> "NormalEquations":
+        return NormalEquations(
+            self.A + other.A, self.b + other.b, self.squares + other.squares, self.count + other.count
+        )
+
+    def __rmul__(self, weight: float) -> "NormalEquations":
+        """The same with every residual's square weighted."""
+        return NormalEquations(weight * self.A, weight * self.b, weight * self.squares, self.count)
+
+
 def _lanes(device: wp.Device) -> int:
     return CUDA_LANES if device.is_cuda else 1
 
@@ -209,10 +234,12 @@ def _symmetric(n: int) -> np.ndarray:
     return np.maximum(at, at.T)
 
 
-def _unpack(sums: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray, float, int]:
+def _unpack(sums: np.ndarray, n: int) -> NormalEquations:
     triangle = n * (n + 1) // 2
     A = sums[_symmetric(n)]
-    return A, sums[triangle : triangle + n], float(sums[triangle + n]), int(sums[triangle + n + 1])
+    return NormalEquations(
+        A, sums[triangle : triangle + n], float(sums[triangle + n]), int(sums[triangle + n + 1])
+    )
 
 
 def gradient(intensity: wp.array, vertex: wp.array | None = None) -> wp.array:
@@ -229,30 +256,33 @@ def gradient(intensity: wp.array, vertex: wp.array | None = None) -> wp.array:
 
 
 def joint_normal_equations(
-    camera: Camera, gates: Gates, frame: tuple, model: tuple, readout_s: float = 0.0
-) -> Callable[..., tuple[tuple, tuple]]:
+    camera: Camera, gates: TrackingGates, frame: Surface, model: Surface, readout_s: float = 0.0
+) -> Callable[..., tuple[NormalEquations, NormalEquations]]:
     """Normal equations of Eq. 1 and Eq. 2 between a frame and a model view, as a function of the pose.
 
     Args:
-        frame: vertex, normal and intensity map of the current frame.
-        model: vertex, normal, intensity and intensity gradient predicted from the active model.
+        frame: the current frame.
+        model: as predicted from the active model, with its gradient.
         readout_s: time from the frame's first row to its last [s].
 
     Returns:
-        A function of T_prev_cur, shape (4, 4), and, optionally, of the camera's velocity in its own frame while the
-        rows are read (translation [m/s], rotation [rad/s]), shape (6,). It gives, for ICP and for the photometric
-        term each: J^T J (6, 6), J^T r (6,), sum of squares, count. The twist of these is (translation [m],
-        rotation [rad]), applied on the left: exp(xi^) T.
+        A function of T_view_camera, shape (4, 4), and, optionally, of the camera's velocity in its own frame while the
+        rows are read (translation [m/s], rotation [rad/s]), shape (6,). It gives the equations of ICP and of the
+        photometric term. Their twist is (translation [m], rotation [rad]), applied on the left: exp(xi^) T.
     """
-    device = frame[0].device
+    device = frame.vertex.device
     rows = (camera.height + gates.stride - 1) // gates.stride
     lanes = _lanes(device)
     partial = [scratch(name, (rows, lanes), _sums, device) for name in ("icp", "rgb")]
-    inputs = [camera, wp.mat44(), make_shutter(camera, None, 0.0), gates, *frame, *model]
+    images = [frame.vertex, frame.normal, frame.intensity]
+    images += [model.vertex, model.normal, model.intensity, model.gradient]
+    inputs = [camera, wp.mat44(), make_shutter(camera, None, 0.0), gates, *images]
     launch = record_rows(_joint, rows, _COST * camera.width // gates.stride, inputs, partial, device, lanes)
 
-    def at(T_prev_cur: np.ndarray, twist: np.ndarray | None = None) -> tuple[tuple, tuple]:
-        launch.change(1, to_transform(T_prev_cur))
+    def at(
+        T_view_camera: np.ndarray, twist: np.ndarray | None = None
+    ) -> tuple[NormalEquations, NormalEquations]:
+        launch.change(1, to_transform(T_view_camera))
         if twist is not None:
             launch.change(2, make_shutter(camera, twist, readout_s))
         launch()
@@ -265,11 +295,11 @@ def joint_normal_equations(
 
 def rotation_normal_equations(
     camera: Camera, intensity: wp.array, last_intensity: wp.array, last_gradient: wp.array
-) -> Callable[[np.ndarray], tuple]:
+) -> Callable[[np.ndarray], NormalEquations]:
     """Normal equations of rotation-only alignment of two intensity images (SO(3) pre-alignment).
 
     Returns:
-        A function of R_prev_cur, shape (3, 3), that gives J^T J (3, 3), J^T r (3,), sum of squares, count.
+        A function of R_prev_cur, shape (3, 3), that gives the equations of its turn.
     """
     device = intensity.device
     lanes = _lanes(device)
@@ -277,7 +307,7 @@ def rotation_normal_equations(
     inputs = [camera, wp.mat44(), intensity, last_intensity, last_gradient]
     launch = record_rows(_rotation, camera.height, camera.width, inputs, [partial], device, lanes)
 
-    def at(R_prev_cur: np.ndarray) -> tuple:
+    def at(R_prev_cur: np.ndarray) -> NormalEquations:
         T = np.eye(4)
         T[:3, :3] = R_prev_cur
         launch.change(1, to_transform(T))

@@ -33,6 +33,21 @@ class FrameMaps:
     colour: Any = None  # vec3 RGB in [0, 1], level 0 only
     edge: Any = None  # uint8, 1 on depth edges, level 0 only
 
+    @property
+    def surface(self) -> "Surface":
+        """What registration needs of it."""
+        return Surface(self.vertex, self.normal, self.intensity)
+
+
+@dataclass
+class Surface:
+    """What a frame or a view shows of a surface, on one pyramid level; images of one camera, shape (H, W)."""
+
+    vertex: wp.array  # vec3 [m], z = 0 where there is none
+    normal: wp.array  # vec3
+    intensity: wp.array  # float32 in [0, 1]
+    gradient: wp.array | None = None  # vec2 [1 / px], of views that something is registered to
+
 
 @dataclass
 class ModelMaps:

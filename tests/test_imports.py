@@ -25,8 +25,8 @@ ALLOWED = {
 """Folder to the parts of dsmap that it may import."""
 ORDER = {
     "fusion": (
-        "config lie trajectory segmenter", "labels surfels", "tracking", "places", "loops", "step_result mapper",
-        "mapper_state localise", "runs", "pictures", "evaluate",
+        "config lie trajectory segmenter state stage_clock", "surfels", "tracking", "labels places", "loops locator",
+        "mapper", "runs", "pictures", "evaluate",
     ),
     "sim_scenes": (
         "geometry", "scene", "textures", "pieces space", "physics", "rooms", "camera_paths importers render sensors",
@@ -119,3 +119,26 @@ def test_folders_import_only_what_lies_below(part_of_dsmap):
             target = name.split(".")
             if target[:2] == ["dsmap", part_of_dsmap] and len(target) > 2:
                 assert level[target[2]] <= level[words[0]], f"{file}: imports {name}, which lies above"
+
+
+def test_a_step_calls_few_parts():
+    """`Mapper.step` is a straight line through at most 7 parts, and the pose is assigned there alone."""
+    tree = ast.parse((REPOSITORY / "fusion" / "mapper.py").read_text())
+    mapper = next(n for n in tree.body if isinstance(n, ast.ClassDef) and n.name == "Mapper")
+    functions = {f.name: f for f in mapper.body if isinstance(f, ast.FunctionDef)}
+    local = {"model": "model", "clock": "clock"}
+    parts = set()
+    for node in ast.walk(functions["step"]):
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
+            owner = node.func.value
+            if isinstance(owner, ast.Attribute) and isinstance(owner.value, ast.Name):
+                parts.add(owner.attr)
+            elif isinstance(owner, ast.Name) and owner.id in local:
+                parts.add(local[owner.id])
+    assert {"locator", "model", "labeller", "closer"} <= parts and len(parts) <= 7, parts
+    for name, function in functions.items():
+        sets_pose = any(
+            isinstance(n, ast.Attribute) and n.attr == "T_world_camera" and isinstance(n.ctx, ast.Store)
+            for n in ast.walk(function)
+        )
+        assert not sets_pose or name in {"__init__", "step", "_load_map_state"}, name

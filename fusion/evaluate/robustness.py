@@ -108,9 +108,9 @@ def score_trial(
 
 def share_in_view(mapper: Mapper, frame: Frame, T_world_camera: np.ndarray) -> float:
     """Share of a frame's depth image that the map shows from a pose, its true one, at the same depth."""
-    config, width = mapper.config, mapper.camera.width
-    maps = mapper.views.empty()
-    mapper.views.render(T_world_camera, maps)
+    config, width = mapper.config, mapper.intrinsics.width
+    maps = mapper.model.views.empty()
+    mapper.model.views.render(T_world_camera, maps)
     skip = max(width // 320, 1)
     z, model = frame.depth[::skip, ::skip], maps.vertex.numpy()[::skip, ::skip, 2]
     valid = (z > config.depth_min) & (z < config.depth_max)

@@ -8,6 +8,7 @@ from dsmap.fusion.config import LoopConfig
 from dsmap.fusion.surfels.model_view import ModelView
 from dsmap.fusion.tracking.agreement import correlation
 from dsmap.fusion.tracking.tracker import Health, Tracker
+from dsmap.kernels.types import ModelMaps, Surface
 
 _SLACK = 0.03
 _SLACK_Z2 = 0.01
@@ -29,9 +30,9 @@ class Overlap:
     """Correlation of their intensities there, local mean taken off; 1 where they were not compared."""
 
 
-def overlap(active: tuple, inactive: tuple, colours: bool = False) -> Overlap:
-    """Compare two views of one camera, (vertex, normal, intensity) each, shapes (H, W)."""
-    a, b = (view[0].numpy()[..., 2] for view in (active, inactive))
+def overlap(active: Surface, inactive: Surface | ModelMaps, colours: bool = False) -> Overlap:
+    """Compare two views of one camera; `colours`, too, where both have an intensity."""
+    a, b = (view.vertex.numpy()[..., 2] for view in (active, inactive))
     seen = (a > 0) & (b > 0)
     behind = b - a
     both = seen & (np.abs(behind) < _NEAR)
@@ -40,11 +41,13 @@ def overlap(active: tuple, inactive: tuple, colours: bool = False) -> Overlap:
     return Overlap(
         both=np.count_nonzero(both) / a.size,
         same=np.count_nonzero(same) / against if against else 0.0,
-        ncc=correlation(active[2].numpy(), inactive[2].numpy(), same) if colours else 1.0,
+        ncc=correlation(active.intensity.numpy(), inactive.intensity.numpy(), same)
+        if colours and isinstance(inactive, Surface)
+        else 1.0,
     )
 
 
-def objection(
+def reason_to_reject(
     health: Health,
     config: LoopConfig,
     seen: Overlap | None = None,
@@ -88,14 +91,14 @@ def explained_rms(
     Returns:
         That RMS [m], and the share of the pixels seen in both views that are associated.
     """
-    source, model = active.surface[level], inactive.levels[level]
-    (A, b, _, count), _ = tracker.normal_equations(level, source, model)(np.eye(4))
-    if count == 0:
+    source = active.level(level)
+    icp, _ = tracker.normal_equations(level, source, inactive.level(level))(np.eye(4))
+    if icp.count == 0:
         return float(np.inf), 0.0
-    step = np.linalg.lstsq(A, b, rcond=1e-4)[0]
+    step = np.linalg.lstsq(icp.A, icp.b, rcond=1e-4)[0]
     stride = tracker.stride[level]
-    pixels = seen.both * source[0].shape[0] * source[0].shape[1] / stride**2
-    return float(np.sqrt(max(b @ step, 0.0) / count)), count / max(pixels, 1.0)
+    pixels = seen.both * source.vertex.shape[0] * source.vertex.shape[1] / stride**2
+    return float(np.sqrt(max(icp.b @ step, 0.0) / icp.count)), icp.count / max(pixels, 1.0)
 
 
 def rms_shift(vertex: np.ndarray, T: np.ndarray) -> float:

@@ -1,7 +1,8 @@
 """What a loop closure looks at, and what it leaves behind."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 
@@ -35,8 +36,14 @@ class LoopRecord:
     """Of the deformation graph; 0 where both parts agreed within `negligible` and nothing was bent."""
 
 
+def record_values(record: LoopRecord) -> dict[str, Any]:
+    """A loop as plain values: an entry of loops.json."""
+    values = asdict(record)
+    return {name: v.tolist() if isinstance(v, np.ndarray | np.generic) else v for name, v in values.items()}
+
+
 @dataclass
-class Moment:
+class LoopQuery:
     """All that a loop closure looks at: the map's state after a frame was fused and the view predicted."""
 
     frame: Sequence[FrameMaps]
@@ -45,10 +52,10 @@ class Moment:
     maps: ModelMaps
     """The same, finest level, with surfel indices."""
     time: int
-    t_active: int
-    """Surfels updated since are active."""
     trajectory: list[TrajectoryPoint]
     """All frames up to now; a loop moves them with the map."""
+    relocalised: bool = False
+    """Whether what the frame sees of the map has just become active again."""
 
     @property
     def T_world_camera(self) -> np.ndarray:
@@ -56,7 +63,7 @@ class Moment:
 
 
 @dataclass
-class Match:
+class LoopCandidate:
     """Where in the inactive map the active view fits."""
 
     kind: str
@@ -70,7 +77,7 @@ class Match:
     similarity: float
     """Of the keyframe; 1 for local loops."""
 
-    def record(self, now: Moment, frame_destination: int, nodes: int = 0) -> LoopRecord:
+    def record(self, now: LoopQuery, frame_destination: int, nodes: int = 0) -> LoopRecord:
         """The loop that this match is; before the trajectory is bent."""
         T_world_destination = now.trajectory[frame_destination].T_world_camera
         return LoopRecord(

@@ -18,7 +18,7 @@ from dsmap.frame import Intrinsics, orthonormal
 from dsmap.fusion.config import RelocaliseConfig, TrackConfig
 from dsmap.fusion.places.ferns import Keyframe, SmallView, small_view
 from dsmap.fusion.surfels.model_view import ModelView
-from dsmap.fusion.tracking.agreement import Agreement, agreement, disagreement
+from dsmap.fusion.tracking.agreement import Agreement, agreement, reason_to_reject
 from dsmap.fusion.tracking.tracker import Health, Tracker
 from dsmap.kernels.camera import make_camera
 from dsmap.kernels.preprocess import preprocess
@@ -133,16 +133,16 @@ class Relocaliser:
             return f"only {health.inlier_fraction:.0%} of the pixels match the model"
         if health.rms_icp > config.max_rms:
             return f"point-to-plane RMS {health.rms_icp * 1e3:.1f} mm"
-        vertex, _, intensity, _ = predict_at(T).levels[0]
-        found = agreement(maps[0], vertex, intensity, config)
+        seen = predict_at(T).level(0)
+        found = agreement(maps[0], seen.vertex, seen.intensity, config)
         certain = found.seen_through <= config.certain_seen_through
-        return disagreement(found, config) or Relocation(T, keyframe, similarity, health, found, certain)
+        return reason_to_reject(found, config) or Relocation(T, keyframe, similarity, health, found, certain)
 
     def _imagined(self, model: ModelView) -> Keyframe:
         """A keyframe that was never taken: the model rendered from a guessed pose."""
-        vertex, _, intensity, _ = model.levels[0]
-        grey = np.repeat(intensity.numpy()[..., None], 3, axis=2)
-        view = small_view(grey, vertex.numpy()[..., 2], self._size)
+        seen = model.level(0)
+        grey = np.repeat(seen.intensity.numpy()[..., None], 3, axis=2)
+        view = small_view(grey, seen.vertex.numpy()[..., 2], self._size)
         return Keyframe(_GUESS, view, model.T_world_camera, _GUESS)
 
     def _align_small(self, view: SmallView, keyframe: SmallView) -> tuple[np.ndarray, Health]:

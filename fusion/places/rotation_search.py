@@ -26,7 +26,9 @@ Small = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 """Renders the model at T_world_camera on the coarsest level: intensity and where it is known, both (h, w)."""
 
 
-def swept(frame: FrameMaps, camera: Any, guesses: Sequence[np.ndarray], render: Small) -> list[np.ndarray]:
+def search_rotation(
+    frame: FrameMaps, camera: Any, guesses: Sequence[np.ndarray], render: Small
+) -> list[np.ndarray]:
     """Guesses turned to where the frame fits the model best, best first.
 
     Args:

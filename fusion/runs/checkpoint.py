@@ -15,13 +15,12 @@ from dsmap.errors import InputError
 from dsmap.files import atomic_path
 from dsmap.fusion.config import MapConfig
 from dsmap.fusion.mapper import Mapper
-from dsmap.fusion.mapper_state import METADATA, mapper_state
 from dsmap.kernels.types import ARRAYS, SurfelMap
 
 FORMAT = "dsmap.map/2"
 """Marks our files; the number changes when older programs could not read them, or we theirs."""
 _TRAJECTORY = ("times", "poses", "tracked")
-_METADATA = ("config", "intrinsics", "time", METADATA, "run")
+_METADATA = ("config", "intrinsics", "time", "state", "run")
 
 
 def save_map(mapper: Mapper, path: Path | str, run: dict[str, Any] | None = None) -> None:
@@ -29,11 +28,13 @@ def save_map(mapper: Mapper, path: Path | str, run: dict[str, Any] | None = None
 
     Tensors: the surfel arrays by name (N rows each), `times` (M,), `depth_times` (M,), NaN where they
     are the same, `poses` T_world_camera (M, 4, 4) and `tracked` (M,) of the M frames, and `state.*` of
-    mapper_state. Metadata: format, config, intrinsics, classes, frame number `time`, the state's plain values,
+    `Mapper.state`. Metadata: format, config, intrinsics, classes, frame number `time`, the state's plain values,
     and `run`: whatever the caller wants back.
     """
     points = mapper.trajectory
-    arrays, plain = mapper_state(mapper)
+    state = mapper.state()
+    arrays = {name: value for name, value in state.items() if isinstance(value, np.ndarray)}
+    plain = {name: value for name, value in state.items() if name not in arrays}
     tensors = dict(mapper.surfels.numpy()) | {
         "times": np.array([p.time for p in points], dtype=np.float64),
         "poses": np.array([p.T_world_camera for p in points], dtype=np.float64).reshape(-1, 4, 4),
@@ -47,7 +48,7 @@ def save_map(mapper: Mapper, path: Path | str, run: dict[str, Any] | None = None
         "intrinsics": json.dumps(dataclasses.asdict(mapper.intrinsics)),
         "classes": json.dumps(CLASS_NAMES),
         "time": str(mapper.time),
-        METADATA: json.dumps(plain),
+        "state": json.dumps(plain),
         "run": json.dumps(run or {}),
     }
     with atomic_path(path, durable=True) as temporary:
@@ -69,7 +70,7 @@ def load_map(path: Path | str, device: Any = "cpu") -> tuple[SurfelMap, dict[str
     Returns:
         The surfels, and a dict of `config` (MapConfig), `intrinsics` (dict), `time` (frame number),
         `times`, `poses`, `tracked`, `depth_times` (arrays of the trajectory), `arrays` and `plain` (the state for
-        `mapper_state.restore`) and `run` (what was given to `save_map`).
+        `resume.resumed_mapper`) and `run` (what was given to `save_map`).
 
     Raises:
         InputError: there is no such file, it is damaged, or it is not a dsmap map of this version.
@@ -82,7 +83,7 @@ def load_map(path: Path | str, device: Any = "cpu") -> tuple[SurfelMap, dict[str
         )
     arrays.setdefault("depth_times", np.full(len(arrays["times"]), np.nan))  # older files
     meta["config"] = fill(MapConfig(), meta["config"], f"{path}: config", strict=False)
-    meta["plain"] = meta.pop(METADATA)
+    meta["plain"] = meta.pop("state")
     meta["arrays"] = {n.removeprefix("state."): a for n, a in arrays.items() if n.startswith("state.")}
     return surfels_from(arrays, path, device), meta | {
         name: arrays[name] for name in (*_TRAJECTORY, "depth_times")

@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from dsmap.fusion.mapper import Mapper
+from dsmap.fusion.mapper import Mapper, StepResult
 from dsmap.fusion.runs.prepare_ahead import prepare_ahead
-from dsmap.fusion.step_result import StepResult
 from dsmap.sequences import Sequence
 
 STRIP_FRAMES = 4

@@ -12,8 +12,8 @@ from dsmap.errors import InputError
 from dsmap.frame import Intrinsics
 from dsmap.fusion.config import MapConfig
 from dsmap.fusion.labels.gravity import MapGravity
-from dsmap.fusion.mapper_state import GRAVITY, part_of
 from dsmap.fusion.runs.checkpoint import load_map
+from dsmap.fusion.state import part_of
 from dsmap.kernels.types import SurfelMap
 from dsmap.sequences import Sequence
 from dsmap.sequences.associate import associate
@@ -39,7 +39,7 @@ class Run:
     stats: dict[str, Any]
     """stats.json; empty if there is none."""
     loops: list[dict[str, Any]] | None
-    """loops.json: every loop that was closed (see `fusion.evaluate_loops`); None if there is none."""
+    """loops.json: every loop that was closed (see `fusion.evaluate.loops`); None if there is none."""
 
 
 def load_run(path: Path | str, device: Any = "cpu") -> Run:
@@ -55,7 +55,7 @@ def load_run(path: Path | str, device: Any = "cpu") -> Run:
     first = meta["plain"]["first_frame"]  # frames before belong to an earlier recording
     times, poses, tracked = (meta[name][first:] for name in ("times", "poses", "tracked"))
     gravity = MapGravity(Intrinsics(**meta["intrinsics"]), meta["config"].camera_up)
-    gravity.load_state(part_of(meta["arrays"], GRAVITY))
+    gravity.load_state(part_of(meta["arrays"], "gravity."))
     return Run(
         folder, surfels, meta["config"], times, poses, tracked.astype(bool), gravity,
         settings=_read(folder / "config.yaml", yaml.safe_load, yaml.YAMLError),

@@ -11,8 +11,8 @@ import yaml
 
 from dsmap.classes import write_classes
 from dsmap.files import atomic_path
+from dsmap.fusion.loops.record import record_values
 from dsmap.fusion.mapper import Mapper
-from dsmap.fusion.mapper_state import record_values
 from dsmap.fusion.runs.checkpoint import save_map
 from dsmap.fusion.runs.ply import write_ply, write_trajectory
 from dsmap.fusion.trajectory import TrajectoryPoint, at_colour_stamps
@@ -82,7 +82,7 @@ def statistics(mapper: Mapper, skipped: int, wall_s: float) -> dict[str, Any]:
             "graph_nodes": loops[-1]["nodes"] if loops else 0,
             "local_loops": sum(loop["kind"] == "local" for loop in loops),
             "global_loops": sum(loop["kind"] == "global" for loop in loops),
-            "keyframes": len(mapper.closer.ferns) if mapper.closer else 0,
+            "keyframes": len(mapper.locator.recovery.ferns),
             "bytes_per_surfel": surfels.nbytes / living if living else None,
         },
         "tracking": {

@@ -6,7 +6,7 @@ import warp as wp
 from dsmap.fusion.config import MapConfig
 from dsmap.fusion.surfels.views import Views
 from dsmap.kernels.associate import associate
-from dsmap.kernels.compact import Sweep
+from dsmap.kernels.compact import Compaction
 from dsmap.kernels.fuse import fuse_frame
 from dsmap.kernels.label import update_labels
 from dsmap.kernels.prune import prune
@@ -26,7 +26,7 @@ class Integrator:
 
     def __init__(self, config: MapConfig, views: Views):
         self.config, self.views = config, views
-        self.sweep = Sweep(views.surfels, views.blocks)
+        self.compaction = Compaction(views.surfels, views.blocks)
         self.visible: wp.array | None = None
         camera = self._camera = views.cameras[0]
         self._match = wp.empty((camera.height, camera.width), dtype=wp.int32, device=views.surfels.device)
@@ -58,7 +58,7 @@ class Integrator:
                 margin=surfels.max_ray_distance, margin_z2=surfels.ray_distance_z2, walk=walk,
             )  # fmt: skip
         self.views.blocks.measure(walk)
-        self.sweep.step()
+        self.compaction.step()
         self.visible = self.views.visible(T_world_camera)
 
     def label(

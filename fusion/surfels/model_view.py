@@ -1,16 +1,15 @@
 """The model as it looks from one pose: what a frame, or another view, is registered to."""
 
-from typing import Any
-
 import numpy as np
 import warp as wp
 
 from dsmap.kernels.odometry import gradient
 from dsmap.kernels.preprocess import half_surface
+from dsmap.kernels.types import Surface
 
 
 class ModelView:
-    """The model as predicted from one pose: a pyramid of (vertex, normal, intensity, gradient).
+    """The model as predicted from one pose: a pyramid of surfaces.
 
     The maps given are those of pyramid level `finest`; `levels` has None below it.
     """
@@ -26,13 +25,14 @@ class ModelView:
     ):
         self.T_world_camera = T_world_camera
         self.finest = finest
-        self.levels: list[Any] = [None] * finest
+        self.levels: list[Surface | None] = [None] * finest
         for level in range(finest, levels):
             if level > finest:
                 vertex, normal, intensity = half_surface(vertex, normal, intensity)
-            self.levels.append((vertex, normal, intensity, gradient(intensity, vertex)))
+            self.levels.append(Surface(vertex, normal, intensity, gradient(intensity, vertex)))
 
-    @property
-    def surface(self) -> list[Any]:
-        """(vertex, normal, intensity) a level: the view as something that can itself be registered."""
-        return [level and level[:3] for level in self.levels]
+    def level(self, number: int) -> Surface:
+        """The surface of a level that is there."""
+        surface = self.levels[number]
+        assert surface is not None, f"this view begins at level {self.finest}"
+        return surface

@@ -30,7 +30,7 @@ def pyramid_cameras(intrinsics: Intrinsics, levels: int) -> list[Any]:
     return cameras
 
 
-def has_left(config: TrackConfig, T_world_view: np.ndarray, T_world_camera: np.ndarray) -> bool:
+def view_is_stale(config: TrackConfig, T_world_view: np.ndarray, T_world_camera: np.ndarray) -> bool:
     """Whether a camera is so far from where a view was predicted that it sees something else."""
     distance, angle = apart(T_world_view, T_world_camera)
     return distance > config.predict_distance or angle > config.predict_angle_deg

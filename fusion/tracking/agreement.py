@@ -74,7 +74,7 @@ def agreement(frame: FrameMaps, vertex: wp.array, intensity: wp.array, config: R
     )
 
 
-def disagreement(found: Agreement, config: RelocaliseConfig) -> str:
+def reason_to_reject(found: Agreement, config: RelocaliseConfig) -> str:
     """Why a pose is not believed, in words; empty if it is."""
     reasons = [
         (found.overlap < config.min_overlap, f"the model covers only {found.overlap:.0%} of the depth image"),

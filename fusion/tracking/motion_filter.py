@@ -37,7 +37,7 @@ class Expected:
     variance that a registration states for a single residual of its own."""
 
 
-class Motion:
+class MotionFilter:
     """The camera's velocity and what is known about it.
 
     Args:
@@ -116,7 +116,7 @@ class Motion:
             "learnt": np.array([self.learnt]),
         }  # fmt: skip
 
-    def set_state(self, state: dict[str, np.ndarray]) -> None:
+    def load_state(self, state: dict[str, np.ndarray]) -> None:
         """Go on where `state` was taken; a file from before there was any has none."""
         if state:
             self.velocity, self.covariance = state["velocity"], state["covariance"]

@@ -20,7 +20,7 @@ import warp as wp
 from dsmap.fusion.config import MapConfig
 from dsmap.fusion.lie import inverse
 from dsmap.fusion.trajectory import TrajectoryPoint
-from dsmap.kernels.moving import carried, was_free
+from dsmap.kernels.moving import carried_over, was_free_space
 from dsmap.kernels.types import FrameMaps
 
 _EVERY = 4
@@ -60,10 +60,10 @@ class MovingThings:
     def mask(
         self, frame: Sequence[FrameMaps], trajectory: Sequence[TrajectoryPoint], T_world_camera: np.ndarray
     ) -> np.ndarray | None:
-        """Treat a tracked frame's moving pixels as depth edges: neither fused nor labelled, evidence of nothing.
+        """A tracked frame's moving pixels; the frame is remembered for later ones.
 
         Args:
-            frame: its maps, finest level first; the edges of the finest are changed.
+            frame: its maps, finest level first.
             trajectory: of all frames before this one.
 
         Returns:
@@ -73,9 +73,6 @@ class MovingThings:
             return None
         moving = self.find(frame, trajectory, T_world_camera)
         self.remember(frame, len(trajectory))
-        if moving is not None:
-            edge = frame[0].edge
-            edge.assign(edge.numpy() | moving)
         return moving
 
     def state(self) -> dict[str, np.ndarray]:
@@ -89,7 +86,7 @@ class MovingThings:
             state |= {"last_row": np.array(row), "last_depth": depth, "last_things": things}
         return state
 
-    def set_state(self, state: dict[str, np.ndarray]) -> None:
+    def load_state(self, state: dict[str, np.ndarray]) -> None:
         """Remember what `state` gave."""
         self.memory.clear()
         self.last = None
@@ -136,7 +133,7 @@ class MovingThings:
         chosen = [self.memory[i] for i in numbers]
         to_past = [inverse(trajectory[row].T_world_camera) @ T_world_camera for row, _ in chosen]
         surfels = self.config.surfels
-        was_free(
+        was_free_space(
             self.camera, vertex, to_past, [depth for _, depth in chosen], free=free, known=known,
             margin=surfels.max_ray_distance, margin_z2=surfels.ray_distance_z2,
         )  # fmt: skip
@@ -144,8 +141,10 @@ class MovingThings:
         if self.last is not None:
             row, depth, things = self.last
             T_last_camera = inverse(trajectory[row].T_world_camera) @ T_world_camera
-            seeds |= carried(self.camera, vertex, T_last_camera, depth, things, _STEP) & (1 - known.numpy())
-        return whole_things(seeds, self._depth(frame), self.config.moving.min_share)
+            seeds |= carried_over(self.camera, vertex, T_last_camera, depth, things, _STEP) & (
+                1 - known.numpy()
+            )
+        return grow_to_objects(seeds, self._depth(frame), self.config.moving.min_share)
 
     def _depth(self, frame: Sequence[FrameMaps]) -> np.ndarray:
         """Of the coarse level [m], shape (h, w)."""
@@ -158,7 +157,14 @@ class MovingThings:
             self.memory.append((row, cv2.erode(self._depth(frame), np.ones((_AROUND, _AROUND), np.uint8))))
 
 
-def without(frame: Sequence[FrameMaps], moving: np.ndarray) -> list[FrameMaps]:
+def with_edges(frame: Sequence[FrameMaps], moving: np.ndarray) -> list[FrameMaps]:
+    """Maps of a frame whose moving pixels, bool, (H, W), are depth edges: neither fused nor labelled, no evidence."""
+    edge = frame[0].edge
+    marked = wp.array(edge.numpy() | moving, dtype=edge.dtype, device=edge.device)
+    return [replace(frame[0], edge=marked), *frame[1:]]
+
+
+def mask_depth(frame: Sequence[FrameMaps], moving: np.ndarray) -> list[FrameMaps]:
     """Maps of a frame, finest level first, without the depth of these pixels: bool, shape (H, W) of the finest."""
     still = []
     for maps in frame:
@@ -170,7 +176,7 @@ def without(frame: Sequence[FrameMaps], moving: np.ndarray) -> list[FrameMaps]:
     return still
 
 
-def whole_things(free: np.ndarray, depth: np.ndarray, min_share: float) -> np.ndarray:
+def grow_to_objects(free: np.ndarray, depth: np.ndarray, min_share: float) -> np.ndarray:
     """Moving things from single pixels: specks are dropped, the rest of a thing is added.
 
     Args:

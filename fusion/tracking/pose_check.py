@@ -13,7 +13,7 @@ import numpy as np
 from dsmap.fusion.config import MapConfig
 from dsmap.fusion.lie import apart, inverse
 from dsmap.fusion.surfels.views import Views
-from dsmap.fusion.tracking.agreement import agreement, disagreement
+from dsmap.fusion.tracking.agreement import agreement, reason_to_reject
 from dsmap.fusion.tracking.tracker import Health
 from dsmap.fusion.trajectory import TrajectoryPoint
 from dsmap.kernels.preprocess import intensity_map
@@ -37,7 +37,7 @@ class PoseCheck:
         self._level = min(narrow, default=len(views.cameras) - 1)
         self._maps = views.empty(self._level)
 
-    def objection(
+    def reason_to_reject(
         self,
         frame: Sequence[FrameMaps],
         T_world_camera: np.ndarray,
@@ -62,7 +62,7 @@ class PoseCheck:
         found = agreement(
             frame[self._level], self._maps.vertex, intensity_map(self._maps.colour), self.config.relocalise
         )
-        return disagreement(found, self.config.relocalise)
+        return reason_to_reject(found, self.config.relocalise)
 
     def surprising(
         self, T_world_camera: np.ndarray, health: Health, trajectory: Sequence[TrajectoryPoint]

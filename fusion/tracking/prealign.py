@@ -62,11 +62,11 @@ def _align(
     best, best_cost = R_prev_cur, np.inf
     equations = rotation_normal_equations(camera, intensity, last_intensity, last_gradient)
     for _ in range(_ITERATIONS):
-        A, b, cost, count = equations(R_prev_cur)
-        if count < _MIN_PIXELS or cost / count >= best_cost:
+        found = equations(R_prev_cur)
+        if found.count < _MIN_PIXELS or found.squares / found.count >= best_cost:
             break
-        best, best_cost = R_prev_cur, cost / count
-        w = solve(A, b)
+        best, best_cost = R_prev_cur, found.squares / found.count
+        w = solve(found.A, found.b)
         if w is None:
             break
         R_prev_cur = exp_so3(w) @ R_prev_cur

@@ -1,4 +1,4 @@
-"""Rolling shutter: rows are read one after the other while the camera moves on from the pose of the last frame.
+"""RowMotion shutter: rows are read one after the other while the camera moves on from the pose of the last frame.
 
 Kinects and most cheap cameras take some 25 ms for an image: at 60 degrees a second the last row is 1.5 degrees behind
 the first. The motion that is being estimated tells where each row was taken from, so both are estimated together
@@ -24,7 +24,7 @@ _NEGLIGIBLE = 0.2
 
 
 @dataclass
-class Rolling:
+class RowMotion:
     """How a frame's pose tells the camera's motion while its rows are read."""
 
     readout_s: float
@@ -41,9 +41,9 @@ class Rolling:
         return velocity(self.T_last, T, self.seconds)
 
 
-def rolling(
+def row_motion(
     readout_s: float, trajectory: Sequence[TrajectoryPoint], taken: float, T_view_world: np.ndarray
-) -> Rolling | None:
+) -> RowMotion | None:
     """Of the next frame, with poses in the coordinates of a view; None where all rows are taken at once, or
     where the frame before was lost or too long ago to tell how the camera moves.
 
@@ -56,25 +56,25 @@ def rolling(
     seconds = taken - trajectory[-1].taken
     if not 0 < seconds <= MAX_GAP_S:
         return None
-    return Rolling(readout_s, T_view_world @ trajectory[-1].T_world_camera, seconds)
+    return RowMotion(readout_s, T_view_world @ trajectory[-1].T_world_camera, seconds)
 
 
-def at_once(
-    cameras: Sequence[Any], maps: list[FrameMaps], frame: Rolling | None, T: np.ndarray
-) -> list[FrameMaps]:
+def undo_rolling_shutter(
+    cameras: Sequence[Any], maps: Sequence[FrameMaps], rows: RowMotion | None, T: np.ndarray
+) -> Sequence[FrameMaps]:
     """A frame's maps, finest level first, as if all rows had been taken with the middle one, from pose T."""
-    if frame is None:
+    if rows is None:
         return maps
-    twist = frame.twist(T)
+    twist = rows.twist(T)
     # What lies a metre away moves by about this in half the time.
-    pixels = cameras[0].fx * np.linalg.norm(twist.reshape(2, 3), axis=1).sum() * abs(frame.readout_s) / 2
+    pixels = cameras[0].fx * np.linalg.norm(twist.reshape(2, 3), axis=1).sum() * abs(rows.readout_s) / 2
     if not _NEGLIGIBLE <= pixels < cameras[0].width:  # at rest, or nowhere near
         return maps
     levels = zip(cameras, maps, strict=True)
-    return [global_shutter(camera, level, twist, frame.readout_s) for camera, level in levels]
+    return [global_shutter(camera, level, twist, rows.readout_s) for camera, level in levels]
 
 
-def put_right(frame: Frame, maps: FrameMaps) -> Frame:
+def corrected_frame(frame: Frame, maps: FrameMaps) -> Frame:
     """The frame with the images of its finest maps, for a network: classes belong to the pixels that are fused."""
     rgb = cv2.convertScaleAbs(maps.colour.numpy(), alpha=255.0)
     return replace(frame, rgb=rgb, depth=maps.depth.numpy())

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import warp as wp
@@ -12,9 +11,10 @@ from dsmap.fusion.lie import exp_se3, inverse, log_se3, solve, uncertainty
 from dsmap.fusion.surfels.model_view import ModelView
 from dsmap.fusion.tracking.motion_filter import Expected
 from dsmap.fusion.tracking.prealign import RotationAligner
-from dsmap.fusion.tracking.rolling_shutter import Rolling
-from dsmap.kernels.odometry import Gates, joint_normal_equations
-from dsmap.kernels.types import FrameMaps
+from dsmap.fusion.tracking.rolling_shutter import RowMotion
+from dsmap.kernels.camera import Camera
+from dsmap.kernels.odometry import NormalEquations, TrackingGates, joint_normal_equations
+from dsmap.kernels.types import FrameMaps, Surface
 
 _CONVERGED = 3e-5
 """A step below this (metres and radians alike) ends a level: a sixtieth of a pixel at 1 m."""
@@ -53,7 +53,7 @@ class Health:
     """Diagonal of (J^T J)^-1 at that many pixels, shape (6,)."""
 
 
-def exposure_gain(frame: tuple, model: tuple) -> float:
+def exposure_gain(frame: Surface, model: Surface) -> float:
     """How much darker (> 1) the frame was exposed than the model: the median ratio of intensities.
 
     Cameras with automatic exposure change it by a tenth and more within a second, which Eq. 2 would take for
@@ -61,13 +61,13 @@ def exposure_gain(frame: tuple, model: tuple) -> float:
     with depth in both views, neither black nor saturated.
 
     Args:
-        frame, model: vertex, normal and intensity map of one level, shapes (H, W).
+        frame, model: one level of both.
 
     Returns:
         A factor between 0.5 and 2; 1 where there is too little to compare.
     """
-    light, reference = frame[2].numpy(), model[2].numpy()
-    shared = (frame[0].numpy()[..., 2] > 0) & (model[0].numpy()[..., 2] > 0)
+    light, reference = frame.intensity.numpy(), model.intensity.numpy()
+    shared = (frame.vertex.numpy()[..., 2] > 0) & (model.vertex.numpy()[..., 2] > 0)
     shared &= (light > _DARK) & (light < _BRIGHT) & (reference > _DARK) & (reference < _BRIGHT)
     if np.count_nonzero(shared) < _MIN_SHARED * shared.size:
         return 1.0
@@ -77,9 +77,9 @@ def exposure_gain(frame: tuple, model: tuple) -> float:
 
 
 class Tracker:
-    """Estimates T_prev_cur between the last model view and the current frame."""
+    """Estimates T_view_camera: from the current frame to the last view of the model (T_prev_cur of the paper)."""
 
-    def __init__(self, config: TrackConfig, cameras: Sequence[Any]):
+    def __init__(self, config: TrackConfig, cameras: Sequence[Camera]):
         self.config = config
         self.cameras = cameras
         self.stride = [max(round(step * cameras[0].width / _VGA_WIDTH), 1) for step in config.stride]
@@ -92,95 +92,111 @@ class Tracker:
         """Keep a tracked frame's intensity image of the coarsest level for the next frame's pre-alignment."""
         self.last_coarse = self.aligner.pyramid(intensity)
 
+    def state(self) -> dict[str, np.ndarray]:
+        """What is carried from frame to frame."""
+        return {} if self.last_coarse is None else {"tracker.intensity": self.last_coarse[0][0].numpy()}
+
+    def load_state(self, state: dict[str, np.ndarray], device: wp.Device) -> None:
+        """Go on where `state` was taken."""
+        if "tracker.intensity" in state:
+            self.remember(wp.array(state["tracker.intensity"], dtype=wp.float32, device=device))
+
     def track(
         self,
         frame: Sequence[FrameMaps],
         model: ModelView,
-        T_model_start: np.ndarray | None = None,
+        T_view_start: np.ndarray | None = None,
         prealign: bool = True,
         expected: Expected | None = None,
-        rolling: Rolling | None = None,
+        rows: RowMotion | None = None,
     ) -> tuple[np.ndarray, Health]:
         """Register a frame to a model view.
 
         Args:
-            T_model_start: where the search starts, shape (4, 4); default: the view's own place.
+            T_view_start: where the search starts, shape (4, 4); default: the view's own place.
             prealign: turn that first as the images tell, from the last frame's to this one's.
-            expected: T_model_cur as the camera's motion tells: one more measurement, and another place to start.
-            rolling: how the camera moves while the frame's rows are read; None: they are taken at once.
+            expected: T_view_camera as the camera's motion tells: one more measurement, and another place to start.
+            rows: how the camera moves while the frame's rows are read; None: they are taken at once.
 
         Returns:
-            T_prev_cur, shape (4, 4), which takes points of the current camera into the model view's, and
+            T_view_camera, shape (4, 4), which takes points of the current camera into the model view's, and
             the verdict. The transform of a lost frame is the best that was found: do not use it.
         """
-        T_prev_cur = np.eye(4)
+        T_view_camera = np.eye(4)
         if prealign and self.config.so3 and self.last_coarse is not None:
             current = self.aligner.pyramid(frame[-1].intensity)
-            T_prev_cur[:3, :3] = self.aligner.rotation(current, self.last_coarse)
-        if T_model_start is not None:
-            T_prev_cur = T_model_start @ T_prev_cur
-        source = [(maps.vertex, maps.normal, maps.intensity) for maps in frame]
-        gain = exposure_gain(source[-1], model.levels[-1]) if self.config.exposure else 1.0
+            T_view_camera[:3, :3] = self.aligner.rotation(current, self.last_coarse)
+        if T_view_start is not None:
+            T_view_camera = T_view_start @ T_view_camera
+        source = [maps.surface for maps in frame]
+        gain = exposure_gain(source[-1], model.level(-1)) if self.config.exposure else 1.0
         if expected is not None:
-            coarsest = self.normal_equations(len(source) - 1, source[-1], model.levels[-1], gain, rolling)
-            T_prev_cur = self._better_start(coarsest, T_prev_cur, expected)
-        return self.register(source, model, T_prev_cur, gain=gain, expected=expected, rolling=rolling)
+            coarsest = self.normal_equations(len(source) - 1, source[-1], model.level(-1), gain, rows)
+            T_view_camera = self._better_start(coarsest, T_view_camera, expected)
+        return self.register(source, model, T_view_camera, gain=gain, expected=expected, rows=rows)
 
     def register(
         self,
-        source: Sequence[Any],
+        source: Sequence[Surface | None],
         model: ModelView,
-        T_model_source: np.ndarray,
+        T_target_source: np.ndarray,
         iterations: Sequence[int] | None = None,
         gain: float = 1.0,
         expected: Expected | None = None,
-        rolling: Rolling | None = None,
+        rows: RowMotion | None = None,
     ) -> tuple[np.ndarray, Health]:
         """Register one view to another, coarse to fine, down to the model's finest level.
 
         Args:
-            source: (vertex, normal, intensity) a pyramid level; levels finer than the model's are not used.
-            T_model_source: first guess, shape (4, 4).
+            source: a pyramid level each; levels finer than the model's are not used, and may be None.
+            T_target_source: first guess, shape (4, 4).
             iterations: a level, fine to coarse; as configured for tracking if None.
-            expected: T_model_source as something else tells; it has no part in the verdict.
-            rolling: of the source, see `track`.
+            expected: T_target_source as something else tells; it has no part in the verdict.
+            rows: of the source, see `track`.
 
         Returns:
-            T_model_source, which takes points of the source camera into the model's, and the verdict.
+            T_target_source, which takes points of the source camera into the model's, and the verdict.
         """
         iterations = iterations or self.config.iterations
         icp = rgb = None
         for level in reversed(range(model.finest, len(self.cameras))):
-            equations = self.normal_equations(level, source[level], model.levels[level], gain, rolling)
+            surface = source[level]
+            assert surface is not None, "a view is coarser than what is registered to it"
+            equations = self.normal_equations(level, surface, model.level(level), gain, rows)
             for _ in range(iterations[level]):
-                icp, rgb = equations(T_model_source)
+                icp, rgb = equations(T_target_source)
                 # Eq. 3: E = E_icp + w_rgb E_rgb
-                w_rgb = self._w_rgb(icp, rgb)
-                A, b = icp[0] + w_rgb * rgb[0], icp[1] + w_rgb * rgb[1]
+                joint = icp + self._w_rgb(icp, rgb) * rgb
+                A, b = joint.A, joint.b
                 if expected is not None:
                     Lambda = self._variance(icp, rgb) * expected.information
-                    A, b = A + Lambda, b + Lambda @ log_se3(expected.T @ inverse(T_model_source))
+                    A, b = A + Lambda, b + Lambda @ log_se3(expected.T @ inverse(T_target_source))
                 xi = solve(A, b)
                 if xi is None:
-                    return T_model_source, self._verdict(source, model.finest, icp, rgb, diverged=True)
-                T_model_source = exp_se3(xi) @ T_model_source
+                    return T_target_source, self._verdict(
+                        source[model.finest], model.finest, icp, rgb, diverged=True
+                    )
+                T_target_source = exp_se3(xi) @ T_target_source
                 if np.abs(xi).max() < _CONVERGED * 2**level:
                     break
-        diverged = not np.isfinite(T_model_source).all()
-        return T_model_source, self._verdict(source, model.finest, icp, rgb, diverged)
+        diverged = not np.isfinite(T_target_source).all()
+        return T_target_source, self._verdict(source[model.finest], model.finest, icp, rgb, diverged)
 
     def normal_equations(
-        self, level: int, source: tuple, model: tuple, gain: float = 1.0, rolling: Rolling | None = None
-    ) -> Callable[[np.ndarray], tuple]:
+        self, level: int, source: Surface, model: Surface, gain: float = 1.0, rows: RowMotion | None = None
+    ) -> Callable[[np.ndarray], tuple[NormalEquations, NormalEquations]]:
         """Of Eq. 1 and Eq. 2 on one pyramid level: see `joint_normal_equations`, with the configured gates."""
         camera, gates = self.cameras[level], self._gates(level, gain)
-        if rolling is None:
+        if rows is None:
             return joint_normal_equations(camera, gates, source, model)
-        equations = joint_normal_equations(camera, gates, source, model, rolling.readout_s)
-        return lambda T: equations(T, rolling.twist(T))
+        equations = joint_normal_equations(camera, gates, source, model, rows.readout_s)
+        return lambda T: equations(T, rows.twist(T))
 
     def _better_start(
-        self, equations: Callable[[np.ndarray], tuple], T_rest: np.ndarray, expected: Expected
+        self,
+        equations: Callable[[np.ndarray], tuple[NormalEquations, NormalEquations]],
+        T_rest: np.ndarray,
+        expected: Expected,
     ) -> np.ndarray:
         """Where the coarsest level fits best: the last pose as turned, that moved on, or what is expected.
 
@@ -195,21 +211,21 @@ class Tracker:
         for T, (icp, rgb) in zip(starts, sums, strict=True):
             xi = log_se3(expected.T @ inverse(T))
             # A pixel that matches nothing must not be cheaper than one that matches badly.
-            data = icp[2] + self.config.w_rgb * rgb[2] - icp[3] * _UNMATCHED**2
+            data = icp.squares + self.config.w_rgb * rgb.squares - icp.count * _UNMATCHED**2
             costs.append(data + variance * xi @ expected.information @ xi)
         return starts[int(np.argmin(costs))]
 
-    def _variance(self, icp: tuple, rgb: tuple) -> float:
+    def _variance(self, icp: NormalEquations, rgb: NormalEquations) -> float:
         """Of one residual: residuals of neighbouring pixels are not independent, so it is the mean of all."""
-        return (icp[2] + self._w_rgb(icp, rgb) * rgb[2]) / max(icp[3] + rgb[3], 1)
+        return (icp.squares + self._w_rgb(icp, rgb) * rgb.squares) / max(icp.count + rgb.count, 1)
 
-    def _w_rgb(self, icp: tuple, rgb: tuple) -> float:
+    def _w_rgb(self, icp: NormalEquations, rgb: NormalEquations) -> float:
         """The weight of the photometric term: less where the depth is much better than the colour."""
-        ratio = (icp[2] / max(icp[3], 1)) / max(rgb[2] / max(rgb[3], 1), 1e-12)
+        ratio = (icp.squares / max(icp.count, 1)) / max(rgb.squares / max(rgb.count, 1), 1e-12)
         return min(self.config.w_rgb, self.config.rgb_balance * ratio)
 
-    def _gates(self, level: int, gain: float = 1.0) -> Any:
-        config, gates = self.config, Gates()
+    def _gates(self, level: int, gain: float = 1.0) -> TrackingGates:
+        config, gates = self.config, TrackingGates()
         gates.max_distance = config.max_distance
         gates.min_cosine = float(np.cos(np.deg2rad(config.max_angle_deg)))
         # The published thresholds are unnormalised Sobel sums of 8-bit images; ours divide by 8 and by 255.
@@ -222,21 +238,26 @@ class Tracker:
         return gates
 
     def _verdict(
-        self, source: Sequence[Any], finest: int, icp: tuple | None, rgb: tuple | None, diverged: bool
+        self,
+        source: Sequence[Surface | None],
+        finest: int,
+        icp: NormalEquations | None,
+        rgb: NormalEquations | None,
+        diverged: bool,
     ) -> Health:
-        if icp is None or rgb is None:
+        if icp is None or rgb is None or source is None:
             infinite = np.full((6, 6), np.inf)
             return Health(False, "no iterations", 0.0, np.inf, np.inf, infinite, 0.0, 0.0, infinite[0])
         config, stride = self.config, self.stride[finest]
-        sampled = source[finest][0].numpy()[::stride, ::stride, 2]
+        sampled = source.vertex.numpy()[::stride, ::stride, 2]
         valid = np.count_nonzero(sampled)
-        fraction = icp[3] / max(valid, 1)
-        rms_icp = float(np.sqrt(icp[2] / max(icp[3], 1)))
-        rms_rgb = float(np.sqrt(rgb[2] / max(rgb[3], 1)))
+        fraction = icp.count / max(valid, 1)
+        rms_icp = float(np.sqrt(icp.squares / max(icp.count, 1)))
+        rms_rgb = float(np.sqrt(rgb.squares / max(rgb.count, 1)))
         w_rgb = self._w_rgb(icp, rgb)
-        A = icp[0] + w_rgb * rgb[0]
+        A = icp.A + w_rgb * rgb.A
         covariance = uncertainty(A, self._variance(icp, rgb))
-        share = float(np.mean(np.diag(icp[0]) / np.maximum(np.diag(A), 1e-12)))
+        share = float(np.mean(np.diag(icp.A) / np.maximum(np.diag(A), 1e-12)))
         std = (
             float(np.sqrt(np.abs(np.linalg.eigvalsh(covariance)).max()))
             if np.isfinite(covariance).all()
@@ -253,5 +274,5 @@ class Tracker:
         scale = _VGA_PIXELS / sampled.size
         cofactor = np.diag(uncertainty(scale * A))
         return Health(
-            not reason, reason, fraction, rms_icp, rms_rgb, covariance, share, scale * icp[3], cofactor
+            not reason, reason, fraction, rms_icp, rms_rgb, covariance, share, scale * icp.count, cofactor
         )

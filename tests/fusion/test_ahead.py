@@ -7,7 +7,7 @@ from loop_room import frame, mapper
 from dsmap.errors import InputError
 from dsmap.fusion.config import TrackConfig
 from dsmap.fusion.runs.prepare_ahead import prepare_ahead
-from dsmap.fusion.surfels.views import has_left
+from dsmap.fusion.surfels.views import view_is_stale
 
 
 def test_preparing_ahead_changes_nothing():
@@ -40,9 +40,9 @@ def test_a_camera_that_stands_still_keeps_its_view():
     assert predicted == [True, False, True, False, True, True, True]
 
 
-def test_when_a_camera_has_left_its_view():
+def test_when_a_camera_view_is_stale_its_view():
     config, near, far, turned = TrackConfig(), np.eye(4), np.eye(4), np.eye(4)
     near[0, 3], far[0, 3] = 0.9 * config.predict_distance, 1.1 * config.predict_distance
     a = np.deg2rad(1.1 * config.predict_angle_deg)
     turned[:2, :2] = [[np.cos(a), -np.sin(a)], [np.sin(a), np.cos(a)]]
-    assert [has_left(config, np.eye(4), T) for T in (near, far, turned)] == [False, True, True]
+    assert [view_is_stale(config, np.eye(4), T) for T in (near, far, turned)] == [False, True, True]

@@ -18,17 +18,17 @@ from dsmap.frame import Frame
 from dsmap.fusion.config import LabelConfig, MapConfig
 from dsmap.fusion.labels.semantics import GroundTruthSegmenter
 from dsmap.fusion.lie import inverse
-from dsmap.fusion.localise import Localiser
 from dsmap.fusion.mapper import Mapper
-from dsmap.fusion.mapper_state import enter, mapper_state, restore
 from dsmap.fusion.runs.checkpoint import FORMAT, load_map, read_metadata, save_map
+from dsmap.fusion.runs.resume import mapper_in_saved_map, resumed_mapper
 from dsmap.fusion.runs.run_folder import save_run
 
 
 def everything(m: Mapper) -> dict[str, np.ndarray]:
     """All that a mapper holds, as arrays; milliseconds are left out."""
-    arrays, plain = mapper_state(m)
-    out = {name: array for name, array in arrays.items() if not name.startswith("stage.")}
+    state = m.state()
+    plain = {name: value for name, value in state.items() if not isinstance(value, np.ndarray)}
+    out = {n: a for n, a in state.items() if n not in plain and not n.startswith("stage.")}
     out |= {f"surfel.{name}": array for name, array in m.surfels.numpy().items()}
     out["trajectory"] = np.array([p.T_world_camera for p in m.trajectory])
     out["tracked"] = np.array([p.tracked for p in m.trajectory])
@@ -47,9 +47,7 @@ def reborn(m: Mapper, path, segmenter=None) -> Mapper:
     """The mapper after a trip through a file."""
     save_map(m, path)
     surfels, meta = load_map(path)
-    other = Mapper(meta["config"], m.intrinsics, segmenter)
-    restore(other, surfels, meta, "checkpoint")
-    return other
+    return resumed_mapper(surfels, meta, "checkpoint", m.intrinsics, segmenter)
 
 
 @pytest.mark.parametrize("stop", [0, 1, 15, 17])
@@ -94,7 +92,7 @@ def test_goes_on_bit_for_bit_through_a_loop(tmp_path, stop):
     second = reborn(straight, tmp_path / "map.safetensors")
     for m in (straight, second):
         way_back(m, stop, 46)
-    assert straight.loops and len(straight.closer.ferns) > 3 and len(straight.closer.closed.points)
+    assert straight.loops and len(straight.locator.recovery.ferns) > 3 and len(straight.closer.closed.points)
     assert_same(straight, second)
 
 
@@ -109,11 +107,8 @@ def saved(tmp_path_factory):
     return path, m
 
 
-def start_in(path, make) -> Mapper:
-    surfels, meta = load_map(path)
-    m = make(meta["config"], loop_room.INTRINSICS)
-    enter(m, surfels, meta, str(path))
-    return m
+def start_in(path, frozen: bool) -> Mapper:
+    return mapper_in_saved_map(*load_map(path), str(path), loop_room.INTRINSICS, frozen=frozen)
 
 
 def errors(m: Mapper, steps) -> np.ndarray:
@@ -127,34 +122,36 @@ def errors(m: Mapper, steps) -> np.ndarray:
 
 def test_localising_finds_the_camera_and_changes_nothing(saved):
     path, old = saved
-    m = start_in(path, Localiser)
+    m = start_in(path, frozen=True)
     before = {name: array.copy() for name, array in m.surfels.numpy().items()}
-    keyframes = len(m.closer.ferns)
+    keyframes = len(m.locator.recovery.ferns)
     steps = [25.3 - 0.7 * i for i in range(20)]
     results = [m.step(loop_room.frame(i, s)) for i, s in enumerate(steps)]
     assert results[0].relocalised or results[1].relocalised
     found = np.array([r.tracked for r in results])
     assert found[2:].all() and errors(m, steps)[found].max() < 0.02
-    assert m.surfels.count == old.surfels.count and len(m.closer.ferns) == keyframes
+    assert m.surfels.count == old.surfels.count and len(m.locator.recovery.ferns) == keyframes
     for name, array in before.items():
         np.testing.assert_array_equal(array, m.surfels.numpy()[name], err_msg=name)
 
 
 def test_localising_says_lost_where_the_map_ends(saved):
-    m = start_in(saved[0], Localiser)
+    m = start_in(saved[0], frozen=True)
     results = [m.step(loop_room.frame(i, 80)) for i in range(3)]
     assert not any(r.tracked for r in results) and "not found" in results[0].reason
 
 
 def test_extending_goes_on_in_the_same_world(saved, tmp_path):
     path, old = saved
-    m = start_in(path, Mapper)
+    m = start_in(path, frozen=False)
     steps = [30 + i for i in range(30)]
     results = [m.step(loop_room.frame(i, s)) for i, s in enumerate(steps)]
     found = np.array([r.tracked for r in results])
     assert found[2:].all() and errors(m, steps)[found].max() < 0.03
     assert m.first_frame == 40 and len(m.trajectory) == 70
-    assert m.surfels.count > 1.2 * old.surfels.count and len(m.closer.ferns) > len(old.closer.ferns)
+    assert m.surfels.count > 1.2 * old.surfels.count and len(m.locator.recovery.ferns) > len(
+        old.locator.recovery.ferns
+    )
     save_run(m, tmp_path)
     times = np.loadtxt(tmp_path / "trajectory.txt")[:, 0]
     assert len(times) == 30 and times[0] == 0, "the trajectory is that of the new recording"
@@ -167,11 +164,11 @@ def test_maps_without_keyframes_and_other_cameras_are_refused(saved, tmp_path):
     save_map(m, tmp_path / "map.safetensors")
     surfels, meta = load_map(tmp_path / "map.safetensors")
     with pytest.raises(InputError, match="no keyframes"):
-        enter(Mapper(config(), INTRINSICS), surfels, meta, "there")
+        mapper_in_saved_map(surfels, meta, "there", INTRINSICS, config=config())
     surfels, meta = load_map(saved[0])
     wide = dataclasses.replace(loop_room.INTRINSICS, height=48)
     with pytest.raises(InputError, match="same aspect ratio"):
-        enter(Mapper(meta["config"], wide), surfels, meta, "there")
+        mapper_in_saved_map(surfels, meta, "there", wide)
 
 
 def rewritten(path, out, metadata=(), tensors=()):
@@ -205,7 +202,7 @@ def test_foreign_older_and_damaged_checkpoints_are_refused(saved, tmp_path):
     for name in ("state.ferns.codes", "state.view.normal", "state.T_world_camera", "state.closed.times"):
         surfels, meta = load_map(rewritten(path, tmp_path / "h", (), {name: None}))
         with pytest.raises(InputError, match="does not fit"):
-            restore(Mapper(meta["config"], loop_room.INTRINSICS), surfels, meta, "h")
+            resumed_mapper(surfels, meta, "h", loop_room.INTRINSICS)
     older = rewritten(path, tmp_path / "i", {"config": '{"relocalise": {"once": 1}, "depth_max": 5.0}'})
     assert load_map(older)[1]["config"] == MapConfig(depth_max=5.0), "a parameter that is gone is passed over"
     assert read_metadata(tmp_path / "whole.safetensors")["time"] == 40

@@ -12,10 +12,10 @@ from dsmap.frame import Frame, FrameGeometry
 from dsmap.fusion.config import MapConfig
 from dsmap.fusion.labels.segment import segment_later
 from dsmap.fusion.mapper import Mapper
-from dsmap.fusion.mapper_state import restore
 from dsmap.fusion.runs.checkpoint import load_map, save_map
 from dsmap.fusion.runs.ply import up_of_ply
 from dsmap.fusion.runs.read_run import load_run
+from dsmap.fusion.runs.resume import resumed_mapper
 from dsmap.fusion.runs.run_folder import save_run
 
 
@@ -93,7 +93,7 @@ def test_a_camera_that_hangs_upside_down_is_noticed(no_warnings):
 
 def test_an_upright_camera_that_sees_the_ceiling_stays_upright(no_warnings):
     mapper, _ = mapped(34, pitch=15)
-    assert mapper.gravity.side == "top" and mapper.up @ [0, -1, 0] > 0.99
+    assert mapper.labeller.gravity.side == "top" and mapper.up @ [0, -1, 0] > 0.99
 
 
 @pytest.mark.parametrize("scale, why", [(1 / 7, "0.20 m below"), (5.7, "high"), (8, "high")])
@@ -131,9 +131,8 @@ def test_a_frame_without_depth():
 def test_a_checkpoint_keeps_up_and_the_floor(tmp_path):
     mapper, _ = mapped(18)
     save_map(mapper, tmp_path / "map.safetensors")
-    again = Mapper(mapper.config, CAMERA)
-    restore(again, *load_map(tmp_path / "map.safetensors"), "here")
-    before, after = mapper.gravity.state(), again.gravity.state()
+    again = resumed_mapper(*load_map(tmp_path / "map.safetensors"), "here", CAMERA)
+    before, after = mapper.labeller.gravity.state(), again.labeller.gravity.state()
     assert before.keys() == after.keys() and before
     for name in before:
         np.testing.assert_array_equal(before[name], after[name])
@@ -144,7 +143,7 @@ def test_a_robot_sees_its_wide_floor_from_near(no_warnings):
     points, _ = room(R, above=0.5)
     mapper = Mapper(MapConfig(depth_max=8.0, poses="given"), CAMERA, Curious())
     mapper.step(replace(frame(0, R), depth=points[..., 2].astype(np.float32)))
-    assert mapper.gravity.floor == pytest.approx(-0.5, abs=0.02)
+    assert mapper.labeller.gravity.floor == pytest.approx(-0.5, abs=0.02)
 
 
 def test_a_run_says_which_way_is_up(tmp_path):
@@ -152,22 +151,22 @@ def test_a_run_says_which_way_is_up(tmp_path):
     save_run(mapper, tmp_path)
     up = up_of_ply(tmp_path / "map.ply")
     np.testing.assert_allclose(up, mapper.up, atol=1e-5)
-    np.testing.assert_array_equal(load_run(tmp_path).gravity.up, mapper.gravity.up)
+    np.testing.assert_array_equal(load_run(tmp_path).gravity.up, mapper.labeller.gravity.up)
 
 
 def test_a_frame_of_a_finished_map_is_shown_as_it_was_then():
     mapper, segmenter = mapped(3)
     then = segmenter.seen[-1][1]
     last = frame(2, turned(19, 0))
-    segment_later(segmenter, last, last.T_world_camera, mapper.gravity, CAMERA, mapper.config)
+    segment_later(segmenter, last, last.T_world_camera, mapper.labeller.gravity, CAMERA, mapper.config)
     np.testing.assert_array_equal(segmenter.seen[-1][1].channels, then.channels)
 
 
 def test_asking_for_up_changes_nothing():
     mapper, _ = mapped(3)
-    before = mapper.gravity.state()
-    mapper.gravity._looked -= 15
+    before = mapper.labeller.gravity.state()
+    mapper.labeller.gravity._looked -= 15
     assert mapper.up is not None
-    mapper.gravity._looked += 15
-    for name, value in mapper.gravity.state().items():
+    mapper.labeller.gravity._looked += 15
+    for name, value in mapper.labeller.gravity.state().items():
         np.testing.assert_array_equal(value, before[name])

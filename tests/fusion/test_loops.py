@@ -97,7 +97,7 @@ def test_nothing_is_closed_without_a_revisit():
     m = mapper()
     for step in range(60):
         assert m.step(frame(step, step)).tracked
-    assert m.loops == [] and m.closer is not None and m.closer.verified < 0
+    assert m.loops == [] and m.closer.verified < 0
     assert (m.surfels.numpy()["t_updated"] < m.time - 15).any(), "there is an inactive part"
 
 
@@ -106,7 +106,7 @@ def test_without_drift_the_map_wakes_up_as_it_is():
     for each in (m, reference):
         there_and_back(each, None)
     assert [(loop.kind, loop.nodes) for loop in m.loops] == [("local", 0)], "one revisit, nothing bent"
-    assert m.loops[0].shift_m < m.config.loops.negligible and m.closer is not None
+    assert m.loops[0].shift_m < m.config.loops.negligible
     assert m.closer.verified >= m.time - 10, "the old part of the map is in use again"
     assert error(m, AWAY - 46) < error(reference, AWAY - 46) + 8e-3
     alive = [int((each.surfels.numpy()["weight"] > 0).sum()) for each in (m, reference)]
@@ -146,7 +146,7 @@ def test_a_global_loop_takes_more_drift_out():
 
 def test_without_loops_the_whole_map_is_active():
     m = mapper(mode="off")
-    assert m.closer is None and m.loops == [] and m._t_active == 0
+    assert not m.closer.enabled and m.loops == [] and m.model.t_active == 0
 
 
 def test_a_covered_lens_is_found_again():
@@ -170,7 +170,8 @@ def test_loops_do_not_depend_on_the_number_of_threads(tmp_path):
         "from test_loops import *\n"
         "m = mapper(); there_and_back(m, DRIFT)\n"
         "poses = np.array([p.T_world_camera for p in m.trajectory])\n"
-        "np.savez(sys.argv[1], **m.surfels.numpy(), poses=poses, ferns=m.closer.ferns.poses, loops=len(m.loops))\n"
+        "np.savez(sys.argv[1], **m.surfels.numpy(), poses=poses, ferns=m.locator.recovery.ferns.poses, "
+        "loops=len(m.loops))\n"
     )
     saved = []
     for threads in ("1", "3"):
@@ -186,18 +187,18 @@ def test_a_search_that_leads_astray_begins_once_more_where_constant_motion_leads
     m = mapper(mode="off")
     for step in range(8):
         assert m.step(frame(step, step)).tracked
-    track, starts = m.tracker.track, []
+    track, starts = m.locator.tracker.track, []
 
     def astray(maps, view, start, prealign, expected, rolling):
         starts.append((prealign, expected is not None))
         T, health = track(maps, view, start, prealign, expected, rolling)
         return T, health if not prealign else replace(health, tracked=False, reason="astray")
 
-    m.tracker.track = astray
+    m.locator.tracker.track = astray
     result = m.step(frame(8, 8))
     assert result.tracked and not result.relocalised and error(m, 8) < 0.01
     assert starts == [(True, True), (False, False)], (
         "prealigned, then from where constant motion says, by itself"
     )
-    m.tracker.track = lambda *a: (track(*a)[0], replace(track(*a)[1], tracked=False, reason="astray"))
+    m.locator.tracker.track = lambda *a: (track(*a)[0], replace(track(*a)[1], tracked=False, reason="astray"))
     assert m.step(frame(9, 9)).reason == "astray"

@@ -5,7 +5,7 @@ import pytest
 
 from dsmap.fusion.config import TrackConfig
 from dsmap.fusion.lie import adjoint, exp_se3, hat, inverse, log_se3, uncertainty
-from dsmap.fusion.tracking.motion_filter import Motion
+from dsmap.fusion.tracking.motion_filter import MotionFilter
 from dsmap.fusion.trajectory import TrajectoryPoint
 
 SECONDS = 1 / 30
@@ -39,7 +39,7 @@ def test_what_nothing_was_measured_of_is_uncertain():
     assert np.isinf(uncertainty(np.zeros((3, 3)))).all()
 
 
-def tracked(motion: Motion, velocities, covariance=SURE, path=None) -> list[TrajectoryPoint]:
+def tracked(motion: MotionFilter, velocities, covariance=SURE, path=None) -> list[TrajectoryPoint]:
     """A path with these velocities, one frame each, that `motion` learns from; the view is the last pose."""
     path = path or [TrajectoryPoint(0.0, START, True)]
     for velocity in velocities:
@@ -50,12 +50,12 @@ def tracked(motion: Motion, velocities, covariance=SURE, path=None) -> list[Traj
     return path
 
 
-def ahead(motion: Motion, path, seconds=SECONDS):
+def ahead(motion: MotionFilter, path, seconds=SECONDS):
     return motion.expected(path, path[-1].time + seconds, inverse(path[-1].T_world_camera))
 
 
 def test_constant_motion_goes_on():
-    motion = Motion(TrackConfig())
+    motion = MotionFilter(TrackConfig())
     assert motion.expected([TrajectoryPoint(0.0, START, True)], SECONDS, np.eye(4)) is None, (
         "nothing is known yet"
     )
@@ -71,7 +71,7 @@ def test_constant_motion_goes_on():
 
 def test_certainty_is_that_of_velocity_and_acceleration():
     """Seen from another view and by a slow way: random next poses have the covariance that is stated."""
-    motion, rng = Motion(TrackConfig()), np.random.default_rng(0)
+    motion, rng = MotionFilter(TrackConfig()), np.random.default_rng(0)
     path = tracked(motion, [VELOCITY] * 30)
     T_view_world = exp_se3(np.array([0.5, 0.1, 0.2, 0.3, -0.4, 0.2]))
     expected = motion.expected(path, path[-1].time + SECONDS, T_view_world)
@@ -88,7 +88,7 @@ def test_certainty_is_that_of_velocity_and_acceleration():
 
 
 def test_a_camera_that_jerks_is_expected_to_jerk_again():
-    steady, jerky = Motion(TrackConfig()), Motion(TrackConfig())
+    steady, jerky = MotionFilter(TrackConfig()), MotionFilter(TrackConfig())
     path = tracked(steady, [VELOCITY] * 30)
     other = tracked(jerky, [VELOCITY] * 30 + [VELOCITY + [0.2, 0, 0, 0, 2, 0]] + [VELOCITY])
     calm, wild = ahead(steady, path), ahead(jerky, other)
@@ -100,11 +100,11 @@ def test_a_camera_that_jerks_is_expected_to_jerk_again():
 
 
 def test_a_gap_ends_what_is_known():
-    motion = Motion(TrackConfig())
+    motion = MotionFilter(TrackConfig())
     path = tracked(motion, [VELOCITY] * 5)
     assert ahead(motion, path, 0.5) is None, "too long ago"
     assert ahead(motion, path, 0.0) is None, "stamps that stand still"
-    assert Motion(TrackConfig(motion=False)).expected(path, path[-1].time + SECONDS, np.eye(4)) is None
+    assert MotionFilter(TrackConfig(motion=False)).expected(path, path[-1].time + SECONDS, np.eye(4)) is None
     last = path[-1]
     path.append(TrajectoryPoint(last.time + SECONDS, last.T_world_camera, False))
     assert ahead(motion, path) is None, "a lost frame"
@@ -115,10 +115,10 @@ def test_a_gap_ends_what_is_known():
 
 
 def test_state_goes_on():
-    motion = Motion(TrackConfig())
+    motion = MotionFilter(TrackConfig())
     path = tracked(motion, [VELOCITY] * 5 + [1.1 * VELOCITY])
-    other = Motion(TrackConfig())
-    other.set_state(motion.state())
+    other = MotionFilter(TrackConfig())
+    other.load_state(motion.state())
     ours, theirs = ahead(motion, path), ahead(other, path)
     assert ours is not None and theirs is not None
     np.testing.assert_array_equal(ours.information, theirs.information)

@@ -10,17 +10,17 @@ import warp as wp
 from dsmap.fusion.config import MapConfig, MovingConfig
 from dsmap.fusion.lie import exp_se3
 from dsmap.fusion.mapper import Mapper
-from dsmap.fusion.tracking.moving_things import MovingThings, whole_things, without
+from dsmap.fusion.tracking.moving_things import MovingThings, grow_to_objects, mask_depth
 from dsmap.fusion.trajectory import TrajectoryPoint
-from dsmap.kernels.moving import carried, was_free
+from dsmap.kernels.moving import carried_over, was_free_space
 from dsmap.kernels.preprocess import preprocess
 from dsmap.metrics import ate_rmse
 
 CAMERA = random_scene.CAMERA
 
 
-def reference_was_free(camera, vertex, poses, past, margin, margin_z2) -> tuple[np.ndarray, ...]:
-    """Slow twin of `was_free`: free, known."""
+def reference_was_free_space(camera, vertex, poses, past, margin, margin_z2) -> tuple[np.ndarray, ...]:
+    """Slow twin of `was_free_space`: free, known."""
     free, known = np.zeros((2, *vertex.shape[:2]), np.uint8)
     for y, x in np.ndindex(free.shape):
         for number, (T, depth) in enumerate(zip(poses, past, strict=True)):
@@ -34,7 +34,7 @@ def reference_was_free(camera, vertex, poses, past, margin, margin_z2) -> tuple[
 
 
 def reference_carried(camera, vertex, T, depth, things, max_step) -> np.ndarray:
-    """Slow twin of `carried`."""
+    """Slow twin of `carried_over`."""
     found = np.zeros(vertex.shape[:2], np.uint8)
     for y, x in np.ndindex(found.shape):
         p = T[:3, :3] @ vertex[y, x] + T[:3, 3]
@@ -53,8 +53,8 @@ def test_free_space_equals_its_twin(seed):
     past[0][:10] = 0
     options = {"margin": 0.04, "margin_z2": 0.03}
     out = {name: wp.empty(vertex.shape[:2], dtype=wp.uint8, device="cpu") for name in ("free", "known")}
-    was_free(CAMERA, wp.array(vertex, dtype=wp.vec3, device="cpu"), poses, past, **out, **options)
-    twins = reference_was_free(CAMERA, vertex.astype(np.float64), poses, past, **options)
+    was_free_space(CAMERA, wp.array(vertex, dtype=wp.vec3, device="cpu"), poses, past, **out, **options)
+    twins = reference_was_free_space(CAMERA, vertex.astype(np.float64), poses, past, **options)
     for found, expected in zip(out.values(), twins, strict=True):
         assert 0.02 < expected.mean() < 0.98
         assert (found.numpy() != expected).sum() <= 2
@@ -66,7 +66,7 @@ def test_what_a_thing_was_equals_its_twin(seed):
     vertex = random_scene.frame_arrays(seed)["vertex"]
     T, things = exp_se3(rng.normal(0, 0.02, 6)), rng.integers(0, 2, vertex.shape[:2], dtype=np.uint8)
     depth = (vertex[..., 2] + rng.normal(0, 0.1, things.shape)).astype(np.float32)
-    found = carried(CAMERA, wp.array(vertex, dtype=wp.vec3, device="cpu"), T, depth, things, 0.1)
+    found = carried_over(CAMERA, wp.array(vertex, dtype=wp.vec3, device="cpu"), T, depth, things, 0.1)
     expected = reference_carried(CAMERA, vertex.astype(np.float64), T, depth, things, 0.1)
     assert 0.05 < expected.mean() < 0.6
     assert (found != expected).sum() <= 2
@@ -77,12 +77,12 @@ def test_specks_are_noise_and_a_thing_moves_as_a_whole():
     depth[20:40, 30:50] = 1.5
     free = np.zeros((60, 80), np.uint8)
     free[5, 5] = free[50, 60:62] = 1  # specks
-    assert not whole_things(free, depth, 0.002).any()
+    assert not grow_to_objects(free, depth, 0.002).any()
     free[20:40, 38:50] = 1  # 60 % of the box
-    things = whole_things(free, depth, 0.002).astype(bool)
+    things = grow_to_objects(free, depth, 0.002).astype(bool)
     assert things[22:38, 32:48].all() and not things[:17].any() and not things[:, 54:].any()
     free[20:40, 30:45] = 0  # a quarter of it: only that
-    things = whole_things(free, depth, 0.002).astype(bool)
+    things = grow_to_objects(free, depth, 0.002).astype(bool)
     assert things[22:38, 46:48].all() and not things[22:38, 32:40].any()
 
 
@@ -209,7 +209,7 @@ def test_a_frame_without_what_moves_has_holes_on_every_level():
     maps = mapper.prepare(still)
     moving = np.zeros((120, 160), bool)
     moving[40:61, 50:90] = True
-    for level, (a, b) in enumerate(zip(maps, without(maps, moving), strict=True)):
+    for level, (a, b) in enumerate(zip(maps, mask_depth(maps, moving), strict=True)):
         hole = b.vertex.numpy()[..., 2] == 0
         assert hole[40 >> level : 61 >> level, 50 >> level : 90 >> level].all()
         assert hole.sum() <= (21 / 2**level + 1) * (40 / 2**level + 1) + (a.vertex.numpy()[..., 2] == 0).sum()
@@ -232,7 +232,7 @@ def test_what_moves_does_not_steer_the_camera(monkeypatch):
         return float(np.linalg.norm((poses - given)[30:, :3, 3], axis=1).mean())
 
     apart = errors()
-    monkeypatch.setattr("dsmap.fusion.mapper.without", lambda maps, moving: maps)
+    monkeypatch.setattr("dsmap.fusion.locator.mask_depth", lambda maps, moving: maps)
     together = errors()
     assert apart < 0.8 * together, (apart, together)
 
@@ -240,12 +240,16 @@ def test_what_moves_does_not_steer_the_camera(monkeypatch):
 def test_the_memory_can_be_saved_and_restored():
     frames = [moving_scene.frame(i, moving_scene.slide(i, 0, 30)) for i in range(14)]
     mapper, _, _ = run("mask", frames)
-    copy = MovingThings(mapper.config, mapper.cameras)
-    copy.set_state(mapper.moving.state())
-    assert [row for row, _ in copy.memory] == [row for row, _ in mapper.moving.memory] == [0, 4, 8, 12]
-    assert all((a == b).all() for (_, a), (_, b) in zip(copy.memory, mapper.moving.memory, strict=True))
-    assert mapper.moving.last is not None and copy.last is not None
-    for a, b in zip(copy.last, mapper.moving.last, strict=True):
+    copy = MovingThings(mapper.config, mapper.model.cameras)
+    copy.load_state(mapper.locator.moving.state())
+    assert (
+        [row for row, _ in copy.memory] == [row for row, _ in mapper.locator.moving.memory] == [0, 4, 8, 12]
+    )
+    assert all(
+        (a == b).all() for (_, a), (_, b) in zip(copy.memory, mapper.locator.moving.memory, strict=True)
+    )
+    assert mapper.locator.moving.last is not None and copy.last is not None
+    for a, b in zip(copy.last, mapper.locator.moving.last, strict=True):
         np.testing.assert_array_equal(a, b)
-    copy.set_state({})
+    copy.load_state({})
     assert copy.state() == {} and copy.last is None

@@ -9,13 +9,14 @@ from wall_corner import INTRINSICS, room
 from dsmap.frame import Frame
 from dsmap.fusion.config import FernConfig, MapConfig, RelocaliseConfig
 from dsmap.fusion.lie import exp_se3, inverse, rotation_angle
-from dsmap.fusion.mapper import LEVELS, Mapper
+from dsmap.fusion.mapper import Mapper
 from dsmap.fusion.places.ferns import FernDatabase, small_size, small_view
 from dsmap.fusion.places.relocalise import Relocaliser, Relocation
-from dsmap.fusion.places.rotation_search import best_shift, swept
+from dsmap.fusion.places.rotation_search import best_shift, search_rotation
 from dsmap.fusion.places.sightings import Sightings
+from dsmap.fusion.surfels.model import LEVELS
 from dsmap.fusion.surfels.model_view import ModelView
-from dsmap.fusion.tracking.agreement import agreement, correlation, disagreement, texture_match
+from dsmap.fusion.tracking.agreement import agreement, correlation, reason_to_reject, texture_match
 from dsmap.fusion.tracking.pose_check import PoseCheck
 from dsmap.fusion.tracking.tracker import Health
 from dsmap.fusion.trajectory import TrajectoryPoint, extrapolated
@@ -34,22 +35,24 @@ def mapped():
         T = exp_se3(np.array([0.012 * i, 0.004 * i, 0, 0, -0.01 * i, 0]))
         rgb, depth = room(T)
         mapper.step(Frame(i, i / 30, rgb, depth, T))
-        maps = preprocess(rgb, clean_depth(depth, 0.3, 6.0), mapper.cameras, mapper.device)
+        maps = preprocess(rgb, clean_depth(depth, 0.3, 6.0), mapper.model.cameras, mapper.model.device)
         view = small_view(maps[0].colour.numpy(), maps[0].vertex.numpy()[..., 2], size)
         ferns.add_if_novel(ferns.encode(view), view, T, i)
 
     def predict_at(T: np.ndarray) -> ModelView:
-        maps = ModelMaps.empty(INTRINSICS.height, INTRINSICS.width, mapper.device)
-        predict_model(mapper.surfels, mapper.camera, T, max_depth=6.0, maps=maps)
+        maps = ModelMaps.empty(INTRINSICS.height, INTRINSICS.width, mapper.model.device)
+        predict_model(mapper.surfels, mapper.model.cameras[0], T, max_depth=6.0, maps=maps)
         return ModelView(maps.vertex, maps.normal, intensity_map(maps.colour), LEVELS, T)
 
-    relocaliser = Relocaliser(mapper.config.relocalise, mapper.config.track, mapper.cameras, INTRINSICS, size)
+    relocaliser = Relocaliser(
+        mapper.config.relocalise, mapper.config.track, mapper.model.cameras, INTRINSICS, size
+    )
     return mapper, ferns, relocaliser, predict_at
 
 
 def locate(mapped, rgb: np.ndarray, depth: np.ndarray):
     mapper, ferns, relocaliser, predict_at = mapped
-    maps = preprocess(rgb, clean_depth(depth, 0.3, 6.0), mapper.cameras, mapper.device)
+    maps = preprocess(rgb, clean_depth(depth, 0.3, 6.0), mapper.model.cameras, mapper.model.device)
     view = small_view(maps[0].colour.numpy(), maps[0].vertex.numpy()[..., 2], ferns.size)
     candidates = ferns.candidates(ferns.encode(view), 1000, 0)
     return relocaliser.relocalise(maps, view, candidates, predict_at)
@@ -88,17 +91,22 @@ def test_agreement_says_what_is_wrong(mapped):
     rgb, depth = room(T)
 
     def compare(rgb, depth):
-        maps = preprocess(rgb, clean_depth(depth, 0.3, 6.0), mapper.cameras, mapper.device)
-        vertex, _, intensity, _ = predict_at(T).levels[0]
-        return agreement(maps[0], vertex, intensity, config)
+        maps = preprocess(rgb, clean_depth(depth, 0.3, 6.0), mapper.model.cameras, mapper.model.device)
+        seen = predict_at(T).level(0)
+        return agreement(maps[0], seen.vertex, seen.intensity, config)
 
     good = compare(rgb, depth)
-    assert not disagreement(good, config) and good.same > 0.95 and good.seen_through < 0.02 and good.ncc > 0.9
-    assert "seen through" in disagreement(
+    assert (
+        not reason_to_reject(good, config)
+        and good.same > 0.95
+        and good.seen_through < 0.02
+        and good.ncc > 0.9
+    )
+    assert "seen through" in reason_to_reject(
         compare(rgb, depth + np.float32(0.3) * (np.arange(96) > 60)), config
     )
-    assert "agree" in disagreement(compare(rgb, depth - np.float32(0.3) * (np.arange(96) > 60)), config)
-    assert "correlate" in disagreement(compare(255 - rgb, depth), config)
+    assert "agree" in reason_to_reject(compare(rgb, depth - np.float32(0.3) * (np.arange(96) > 60)), config)
+    assert "correlate" in reason_to_reject(compare(255 - rgb, depth), config)
     covered = np.where(np.arange(96) > 20, 0, depth).astype(np.float32)
     assert compare(rgb, covered).same > 0.95, "what the frame does not see is not held against it"
 
@@ -130,7 +138,7 @@ def test_a_guess_needs_no_keyframe(mapped):
     mapper, ferns, relocaliser, predict_at = mapped
     truth = exp_se3(np.array([0.15, 0.05, -0.05, 0.0, -0.12, 0.02]))
     rgb, depth = room(truth)
-    maps = preprocess(rgb, clean_depth(depth, 0.3, 6.0), mapper.cameras, mapper.device)
+    maps = preprocess(rgb, clean_depth(depth, 0.3, 6.0), mapper.model.cameras, mapper.model.device)
     view = small_view(maps[0].colour.numpy(), maps[0].vertex.numpy()[..., 2], ferns.size)
     assert relocaliser.relocalise(maps, view, [], predict_at) is None
     found = relocaliser.relocalise(maps, view, [], predict_at, guesses=[np.eye(4)])
@@ -140,7 +148,7 @@ def test_a_guess_needs_no_keyframe(mapped):
 
 def test_only_poses_that_surprise_are_looked_at_twice(mapped):
     mapper = mapped[0]
-    check = PoseCheck(mapper.config, mapper.views)
+    check = PoseCheck(mapper.config, mapper.model.views)
     steady = [exp_se3(np.array([0.01 * i, 0, 0, 0, 0, 0])) for i in range(4)]
     good = Health(True, "", 0.8, 0.003, 0.02, np.eye(6), 0.5, 9e4, np.zeros(6))
     known = path(steady[:3], [True] * 3)
@@ -153,12 +161,14 @@ def test_only_poses_that_surprise_are_looked_at_twice(mapped):
     assert not check.surprising(sideways, good, known[:1]), "the first motion cannot surprise"
 
     truth = exp_se3(np.array([0.05, 0.02, 0.0, 0.0, -0.04, 0.0]))
-    maps = preprocess(*room(truth), mapper.cameras, mapper.device)
+    maps = preprocess(*room(truth), mapper.model.cameras, mapper.model.device)
     lost = path([truth] * 3, [True, False, False])
-    assert check.objection(maps, truth, good, lost, t_min=0) == ""
+    assert check.reason_to_reject(maps, truth, good, lost, t_min=0) == ""
     wrong = truth @ exp_se3(np.array([0.15, 0, 0.1, 0, 0, 0]))
-    assert check.objection(maps, wrong, good, lost, t_min=0) != ""
-    assert check.objection(maps, wrong, replace(good, tracked=False, reason="no"), lost, t_min=0) == "no"
+    assert check.reason_to_reject(maps, wrong, good, lost, t_min=0) != ""
+    assert (
+        check.reason_to_reject(maps, wrong, replace(good, tracked=False, reason="no"), lost, t_min=0) == "no"
+    )
 
 
 def test_a_repeated_pattern_one_repetition_off_is_noticed():
@@ -196,18 +206,20 @@ def test_a_guess_is_turned_to_where_the_frame_fits(mapped):
     """20 degrees beside the likeliest guess, and beside the view from it turned aside; nothing without guesses."""
     mapper = mapped[0]
     truth = exp_se3(np.array([0.05, 0.0, 0.0, 0.05, -0.3, 0.0]))
-    maps = preprocess(*room(truth), mapper.cameras, mapper.device)
+    maps = preprocess(*room(truth), mapper.model.cameras, mapper.model.device)
 
     def render(T):
         rgb, depth = room(T)
-        return preprocess(rgb, depth, mapper.cameras, mapper.device)[0].intensity.numpy(), depth > 0
+        return preprocess(rgb, depth, mapper.model.cameras, mapper.model.device)[
+            0
+        ].intensity.numpy(), depth > 0
 
     off = truth @ exp_se3(np.array([0.02, 0, 0, 0.0, np.deg2rad(20), 0]))
     for guess in (off, truth @ exp_se3(np.array([0, 0, 0, 0, np.deg2rad(-30), 0]))):
-        best = swept(maps[0], mapper.cameras[0], [guess], render)[0]
+        best = search_rotation(maps[0], mapper.model.cameras[0], [guess], render)[0]
         assert np.rad2deg(rotation_angle(inverse(truth) @ best)) < 5
         np.testing.assert_array_equal(best[:3, 3], guess[:3, 3])
-    assert swept(maps[0], mapper.cameras[0], [], render) == []
+    assert search_rotation(maps[0], mapper.model.cameras[0], [], render) == []
 
 
 def test_a_pose_that_looks_through_part_of_the_model_is_not_certain(mapped):

@@ -10,9 +10,10 @@ from dsmap.frame import Frame
 from dsmap.fusion.config import FernConfig, MapConfig
 from dsmap.fusion.evaluate.robustness import score_trial, share_in_view
 from dsmap.fusion.lie import exp_se3, exp_so3, inverse, rotation_angle
-from dsmap.fusion.mapper import LEVELS, Mapper
+from dsmap.fusion.mapper import Mapper
 from dsmap.fusion.places.ferns import FernDatabase, small_size, small_view
 from dsmap.fusion.places.relocalise import Relocaliser
+from dsmap.fusion.surfels.model import LEVELS
 from dsmap.fusion.surfels.model_view import ModelView
 from dsmap.kernels.predict import predict_model
 from dsmap.kernels.preprocess import clean_depth, intensity_map, preprocess
@@ -126,17 +127,19 @@ def _mapped(scene, take, images):
     ferns = FernDatabase(FernConfig(min_age=0), size, (config.depth_min, config.depth_max))
     for i, image in enumerate(images):
         mapper.step(Frame(i, image.time, image.rgb, image.depth, image.T_world_camera))
-        view = small_view(mapper.maps.colour.numpy(), mapper.maps.vertex.numpy()[..., 2], size)
+        view = small_view(mapper.model.maps.colour.numpy(), mapper.model.maps.vertex.numpy()[..., 2], size)
         ferns.add_if_novel(ferns.encode(view), view, image.T_world_camera, i)
-    relocaliser = Relocaliser(config.relocalise, config.track, mapper.cameras, take.camera, size)
+    relocaliser = Relocaliser(config.relocalise, config.track, mapper.model.cameras, take.camera, size)
 
     def predict_at(T: np.ndarray) -> ModelView:
-        maps = ModelMaps.empty(take.camera.height, take.camera.width, mapper.device)
-        predict_model(mapper.surfels, mapper.camera, T, max_depth=8.0, maps=maps, stable_weight=10.0)
+        maps = ModelMaps.empty(take.camera.height, take.camera.width, mapper.model.device)
+        predict_model(
+            mapper.surfels, mapper.model.cameras[0], T, max_depth=8.0, maps=maps, stable_weight=10.0
+        )
         return ModelView(maps.vertex, maps.normal, intensity_map(maps.colour), LEVELS, T)
 
     def find(rgb: np.ndarray, depth: np.ndarray):
-        maps = preprocess(rgb, clean_depth(depth, 0.3, 8.0), mapper.cameras, mapper.device)
+        maps = preprocess(rgb, clean_depth(depth, 0.3, 8.0), mapper.model.cameras, mapper.model.device)
         view = small_view(maps[0].colour.numpy(), maps[0].vertex.numpy()[..., 2], size)
         return relocaliser.relocalise(maps, view, ferns.candidates(ferns.encode(view), 10**6), predict_at)
 

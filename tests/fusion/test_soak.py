@@ -45,7 +45,7 @@ def test_a_long_run_in_one_place_is_flat():
         given.append(frame.T_world_camera)
         poses.append(result.T_world_camera)
         rows.append(mapper.surfels.count)
-        walked.append(len(mapper.integrator.visible) * BLOCK)
+        walked.append(len(mapper.model.integrator.visible) * BLOCK)
         if index % TURN == TURN - 1:
             alive.append(int((mapper.surfels.numpy()["weight"] > 0).sum()))
             memory.append(resident_bytes())

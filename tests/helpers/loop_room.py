@@ -79,6 +79,6 @@ def drift(m: Mapper, xi: np.ndarray, first: int) -> None:
         surfels["normal"][of] = surfels["normal"][of] @ T[:3, :3].T
     for time, point in enumerate(m.trajectory):
         point.T_world_camera = bend(time) @ point.T_world_camera
-    m.blocks.forget()
+    m.model.blocks.forget()
     m.T_world_camera = m.trajectory[-1].T_world_camera.copy()
-    m._predict()
+    m.model.predict(m.T_world_camera)

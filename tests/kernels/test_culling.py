@@ -12,7 +12,7 @@ from dsmap.fusion.labels.semantics import GroundTruthSegmenter
 from dsmap.fusion.lie import exp_se3
 from dsmap.fusion.mapper import Mapper
 from dsmap.kernels.camera import make_camera
-from dsmap.kernels.compact import DEAD_SHARE, MIN_DEAD, Sweep, compact, sweep_from
+from dsmap.kernels.compact import DEAD_SHARE, MIN_DEAD, Compaction, compact, sweep_from
 from dsmap.kernels.culling import Blocks, frustum
 from dsmap.kernels.index_map import render_index
 from dsmap.kernels.launch import BLOCK, all_blocks
@@ -122,7 +122,7 @@ def test_a_sweep_removes_the_dead_in_bounded_steps_and_keeps_the_order():
     surfels = box_map(np.random.default_rng(2), 40_000)
     surfels.weight.numpy()[:20_000] += 1  # the older half has no dead
     expected, blocks = living(surfels), Blocks(surfels, STABLE)
-    sweep, steps, capacity = Sweep(surfels, blocks, rows=3_000), 0, surfels.capacity
+    sweep, steps, capacity = Compaction(surfels, blocks, rows=3_000), 0, surfels.capacity
     while sweep.step():
         steps += 1
         assert_same(living(surfels), expected)
@@ -160,15 +160,15 @@ def test_a_run_is_the_same_with_and_without_culling(every, monkeypatch):
         options.surfels.clean_every, options.surfels.unstable_frames = every, 6
         mapper = Mapper(options, INTRINSICS, GroundTruthSegmenter())
         if not culled:
-            mapper.views.visible = lambda T, m=mapper.surfels: all_blocks(m.count, "cpu")
+            mapper.model.views.visible = lambda T, m=mapper.surfels: all_blocks(m.count, "cpu")
         sizes, shares = [], []
         for frame in sequence:
             mapper.step(frame)
             sizes.append((mapper.surfels.numpy()["weight"] > 0).sum())
-            shares.append(len(mapper.integrator.visible) * BLOCK / mapper.surfels.count)
+            shares.append(len(mapper.model.integrator.visible) * BLOCK / mapper.surfels.count)
         compact(mapper.surfels)
         assert (min(shares) < 0.7) == culled, "the sequence leaves something out of view"
-        results.append((living(mapper.surfels), sizes, mapper.maps.vertex.numpy().copy()))
+        results.append((living(mapper.surfels), sizes, mapper.model.maps.vertex.numpy().copy()))
     assert results[0][1] == results[1][1], "surfels die in the same frame"
     assert_same(results[0][0], results[1][0])
     np.testing.assert_array_equal(results[0][2], results[1][2])
@@ -188,8 +188,8 @@ def test_a_frame_walks_what_it_sees():
         array[:] = np.concatenate([arrays[name]] * rooms)
     shift = np.repeat(np.arange(rooms), seen)[:, None] * np.float32([0, 0, 20.0])
     m.numpy()["position"][:] += shift.astype(np.float32)
-    mapper.blocks.forget()
-    assert len(mapper.views.visible(first.T_world_camera)) <= seen // BLOCK + 2
+    mapper.model.blocks.forget()
+    assert len(mapper.model.views.visible(first.T_world_camera)) <= seen // BLOCK + 2
     camera = make_camera(INTRINSICS)
     assert in_view(m, camera, first.T_world_camera, 6.0).sum() >= 0.9 * seen
 

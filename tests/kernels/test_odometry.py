@@ -1,5 +1,7 @@
 """Residual reductions against their NumPy twins, and what they must be able to estimate."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 import reference
@@ -31,15 +33,19 @@ def test_joint_normal_equations(stride):
     gates = tracker._gates(1, gain=1.05)
     gates.stride = stride
     T = exp_se3(np.array([0.01, 0.0, 0.005, 0.0, 0.01, 0.0]))
-    maps = (frame[1].vertex, frame[1].normal, frame[1].intensity)
-    got = odometry.joint_normal_equations(LEVELS[1], gates, maps, model.levels[1])(T)
-    arrays = [tuple(a.numpy().astype(np.float64) for a in group) for group in (maps, model.levels[1])]
+    surfaces = frame[1].surface, model.level(1)
+    got = odometry.joint_normal_equations(LEVELS[1], gates, *surfaces)(T)
+    arrays = [
+        [getattr(s, n).numpy().astype(np.float64) for n in ("vertex", "normal", "intensity")]
+        for s in surfaces
+    ]
+    arrays[1].append(surfaces[1].gradient.numpy().astype(np.float64))
     for ours, rows in zip(got, reference.joint_rows(LEVELS[1], T, gates, *arrays), strict=True):
         A, b, cost, count = reference.normal_equations(rows)
-        assert abs(ours[3] - count) <= 2, "a pixel on a gate may fall either way in single precision"
-        np.testing.assert_allclose(ours[0], A, rtol=0.02, atol=2e-3 * np.abs(A).max())
-        np.testing.assert_allclose(ours[1], b, atol=0.01 * np.abs(b).max())
-        np.testing.assert_allclose(ours[2], cost, rtol=0.02)
+        assert abs(ours.count - count) <= 2, "a pixel on a gate may fall either way in single precision"
+        np.testing.assert_allclose(ours.A, A, rtol=0.02, atol=2e-3 * np.abs(A).max())
+        np.testing.assert_allclose(ours.b, b, atol=0.01 * np.abs(b).max())
+        np.testing.assert_allclose(ours.squares, cost, rtol=0.02)
 
 
 def test_exposure_is_not_taken_for_motion():
@@ -48,16 +54,16 @@ def test_exposure_is_not_taken_for_motion():
     frame, model, _ = pair(T)
     for maps in frame:
         maps.intensity = wp.array(0.75 * maps.intensity.numpy(), dtype=wp.float32)
-    surfaces = [(maps.vertex, maps.normal, maps.intensity) for maps in frame]
-    assert exposure_gain(surfaces[-1], model.levels[-1]) == pytest.approx(1 / 0.75, rel=0.05)
+    coarsest = frame[-1].surface
+    assert exposure_gain(coarsest, model.level(-1)) == pytest.approx(1 / 0.75, rel=0.05)
     errors = {}
     for exposure in (True, False):
         config = TrackConfig(exposure=exposure, so3=False, w_rgb=1.0, rgb_balance=1e3)  # colour decides
         found, health = Tracker(config, LEVELS).track(frame, model)
         errors[exposure] = np.linalg.norm((np.linalg.inv(T) @ found)[:3, 3])
     assert errors[True] < 2e-3 and errors[True] < 0.1 * errors[False]
-    nothing = (surfaces[-1][0], surfaces[-1][1], wp.zeros_like(surfaces[-1][2]))
-    assert exposure_gain(nothing, model.levels[-1]) == 1.0, "a black image has no exposure"
+    nothing = dataclasses.replace(coarsest, intensity=wp.zeros_like(coarsest.intensity))
+    assert exposure_gain(nothing, model.level(-1)) == 1.0, "a black image has no exposure"
 
 
 def test_rotation_normal_equations():
@@ -67,7 +73,8 @@ def test_rotation_normal_equations():
     gradient = odometry.gradient(last)
     got = odometry.rotation_normal_equations(LEVELS[2], frame[2].intensity, last, gradient)(R)
     rows = reference.rotation_rows(LEVELS[2], R, frame[2].intensity.numpy(), last.numpy(), gradient.numpy())
-    for ours, expected in zip(got, reference.normal_equations(rows), strict=True):
+    ours_by_name = (got.A, got.b, got.squares, got.count)
+    for ours, expected in zip(ours_by_name, reference.normal_equations(rows), strict=True):
         np.testing.assert_allclose(ours, expected, rtol=1e-3, atol=1e-3 * np.abs(expected).max())
 
 
@@ -75,13 +82,13 @@ def test_lanes_do_not_change_the_sums(monkeypatch):
     """The CUDA path splits rows into lanes: the same sums, in another order."""
     frame, model, _ = pair(exp_se3(np.array([0.02, 0, 0, 0, 0.01, 0])))
     gates = Tracker(TrackConfig(), LEVELS)._gates(0)
-    maps = (frame[0].vertex, frame[0].normal, frame[0].intensity)
-    one = odometry.joint_normal_equations(LEVELS[0], gates, maps, model.levels[0])(np.eye(4))
+    maps = frame[0].surface
+    one = odometry.joint_normal_equations(LEVELS[0], gates, maps, model.level(0))(np.eye(4))
     monkeypatch.setattr(odometry, "_lanes", lambda device: odometry.CUDA_LANES)
-    many = odometry.joint_normal_equations(LEVELS[0], gates, maps, model.levels[0])(np.eye(4))
+    many = odometry.joint_normal_equations(LEVELS[0], gates, maps, model.level(0))(np.eye(4))
     for a, b in zip(one, many, strict=True):
-        assert a[3] == b[3]
-        np.testing.assert_allclose(a[0], b[0], rtol=1e-4, atol=1e-4 * np.abs(a[0]).max())
+        assert a.count == b.count
+        np.testing.assert_allclose(a.A, b.A, rtol=1e-4, atol=1e-4 * np.abs(a.A).max())
 
 
 @pytest.mark.parametrize(

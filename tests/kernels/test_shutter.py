@@ -1,4 +1,4 @@
-"""Rolling shutter: the kernel against its twin, a frame put right against the truth, and what tracking gains."""
+"""RowMotion shutter: the kernel against its twin, a frame put right against the truth, and what tracking gains."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ from dsmap.fusion.config import MapConfig, TrackConfig
 from dsmap.fusion.lie import exp_se3, inverse, rotation_angle
 from dsmap.fusion.mapper import Mapper
 from dsmap.fusion.surfels.model_view import ModelView
-from dsmap.fusion.tracking.rolling_shutter import Rolling, at_once, put_right, rolling
+from dsmap.fusion.tracking.rolling_shutter import RowMotion, corrected_frame, row_motion, undo_rolling_shutter
 from dsmap.fusion.tracking.tracker import Tracker
 from dsmap.fusion.trajectory import TrajectoryPoint
 from dsmap.kernels.preprocess import preprocess
@@ -54,9 +54,9 @@ def test_nothing_changes_without_motion():
     same = global_shutter(LEVELS[0], maps[0], np.zeros(6), READOUT)
     for name in ("vertex", "normal", "intensity", "radius", "colour", "edge"):
         np.testing.assert_allclose(getattr(same, name).numpy(), getattr(maps[0], name).numpy(), atol=1e-6)
-    assert at_once(LEVELS, maps, None, np.eye(4)) is maps
+    assert undo_rolling_shutter(LEVELS, maps, None, np.eye(4)) is maps
     for T in (np.eye(4), exp_se3(np.array([50.0, 0, 0, 0, 0, 0])), np.full((4, 4), np.nan)):
-        assert at_once(LEVELS, maps, Rolling(READOUT, np.eye(4), 0.033), T) is maps
+        assert undo_rolling_shutter(LEVELS, maps, RowMotion(READOUT, np.eye(4), 0.033), T) is maps
 
 
 def test_tracking_finds_the_pose_of_the_middle_row():
@@ -66,8 +66,8 @@ def test_tracking_finds_the_pose_of_the_middle_row():
     frame = preprocess(*rolled(truth), LEVELS, CPU)
     tracker = Tracker(TrackConfig(so3=False), LEVELS)
     off = {}
-    for name, rows in (("without", None), ("with", Rolling(READOUT, np.eye(4), 1 / 30))):
-        found, health = tracker.track(frame, model, rolling=rows)
+    for name, rows in (("without", None), ("with", RowMotion(READOUT, np.eye(4), 1 / 30))):
+        found, health = tracker.track(frame, model, rows=rows)
         error = inverse(truth) @ found
         assert health.tracked
         off[name] = np.linalg.norm(error[:3, 3]) + rotation_angle(error)  # a radian counts as a metre
@@ -78,8 +78,8 @@ def test_the_network_sees_the_frame_put_right():
     rgb, depth = rolled(np.eye(4))
     maps = preprocess(rgb, depth, LEVELS, CPU)
     frame = Frame(0, 0.0, rgb, depth)
-    np.testing.assert_array_equal(put_right(frame, maps[0]).rgb, rgb)
-    right = put_right(frame, global_shutter(LEVELS[0], maps[0], TWIST, READOUT))
+    np.testing.assert_array_equal(corrected_frame(frame, maps[0]).rgb, rgb)
+    right = corrected_frame(frame, global_shutter(LEVELS[0], maps[0], TWIST, READOUT))
     truth = wall_corner.view(np.eye(4))[0].astype(float)
     assert np.abs(right.rgb - truth).mean() < 0.5 * np.abs(rgb - truth).mean()
     assert right.depth.dtype == np.float32 and right.rgb.dtype == np.uint8
@@ -89,14 +89,14 @@ def test_what_tells_nothing_about_the_motion_is_left_alone():
     def point(time: float, tracked: bool = True) -> TrajectoryPoint:
         return TrajectoryPoint(time, exp_se3(TWIST * time), tracked)
 
-    found = rolling(READOUT, [point(0.0), point(0.1)], 0.15, np.eye(4))
+    found = row_motion(READOUT, [point(0.0), point(0.1)], 0.15, np.eye(4))
     assert found is not None
     np.testing.assert_allclose(found.twist(exp_se3(TWIST * 0.15)), TWIST, atol=1e-9)
-    assert rolling(0.0, [point(0.1)], 0.15, np.eye(4)) is None
-    assert rolling(READOUT, [], 0.15, np.eye(4)) is None
-    assert rolling(READOUT, [point(0.1, tracked=False)], 0.15, np.eye(4)) is None
-    assert rolling(READOUT, [point(0.1)], 0.5, np.eye(4)) is None
-    assert rolling(READOUT, [point(0.1)], 0.1, np.eye(4)) is None, "no time has passed"
+    assert row_motion(0.0, [point(0.1)], 0.15, np.eye(4)) is None
+    assert row_motion(READOUT, [], 0.15, np.eye(4)) is None
+    assert row_motion(READOUT, [point(0.1, tracked=False)], 0.15, np.eye(4)) is None
+    assert row_motion(READOUT, [point(0.1)], 0.5, np.eye(4)) is None
+    assert row_motion(READOUT, [point(0.1)], 0.1, np.eye(4)) is None, "no time has passed"
 
 
 @pytest.mark.parametrize("poses", ["track", "given"])

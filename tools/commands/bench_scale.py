@@ -75,11 +75,9 @@ def measure(counts: list[int], frames: int, size: tuple[int, int], device: str, 
         for frame in seen[:STILL]:
             mapper.step(frame)
     rooms = whole_room(intrinsics, device)
-    for mapper, count in zip(mappers, counts, strict=True):
-        mapper.adopt(surround(mapper.surfels, rooms, count))
-        mapper.stages_ms.clear()
-        if walk:
-            walk_everything(mapper)
+    mappers = [in_larger_map(m, surround(m.surfels, rooms, n)) for m, n in zip(mappers, counts, strict=True)]
+    for mapper in mappers if walk else ():
+        walk_everything(mapper)
     gc.collect()
     frame_ms: list[list[float]] = [[] for _ in counts]
     for frame in seen[STILL:]:
@@ -91,9 +89,18 @@ def measure(counts: list[int], frames: int, size: tuple[int, int], device: str, 
             "maps": [_figures(m, ms[WARM_UP:]) for m, ms in zip(mappers, frame_ms, strict=True)]}  # fmt: skip
 
 
+def in_larger_map(mapper: Mapper, surfels: SurfelMap) -> Mapper:
+    """A mapper that goes on where another is, in a larger map around the same surfels."""
+    other = Mapper(mapper.config, mapper.intrinsics, mapper.segmenter, surfels=surfels)
+    other.load_state(mapper.state() | {"sweep": [0, 0]}, mapper.trajectory)
+    other.stages_ms.clear()
+    return other
+
+
 def walk_everything(mapper: Mapper) -> None:
     """Make a mapper take every surfel for visible, in every kernel."""
-    mapper.views.visible = lambda T_world_camera, t_max=None: all_blocks(mapper.surfels.count, mapper.device)
+    model = mapper.model
+    model.views.visible = lambda T_world_camera, t_max=None: all_blocks(model.surfels.count, model.device)
 
 
 def room_frame(intrinsics: Intrinsics, number: int, turn: float | None = None) -> Frame:
@@ -168,13 +175,14 @@ def _figures(mapper: Mapper, frame_ms: list[float]) -> dict[str, Any]:
     grown_ms = 1000 * (time.perf_counter() - start)
     return {
         "surfels": m.count,
-        "in_view_blocks": len(mapper.views.visible(mapper.T_world_camera)) / len(all_blocks(m.count, "cpu")),
+        "in_view_blocks": len(mapper.model.views.visible(mapper.T_world_camera))
+        / len(all_blocks(m.count, "cpu")),
         "median_ms": float(np.median(frame_ms)),
         "p95_ms": float(np.percentile(frame_ms, 95)),
         "max_ms": float(np.max(frame_ms)),
         "growth_ms": grown_ms,
         "bytes_per_surfel": sum(array.nbytes for array in arrays.values()) / m.count,
-        "culling_bytes_per_surfel": mapper.blocks.nbytes / m.capacity,
+        "culling_bytes_per_surfel": mapper.model.blocks.nbytes / m.capacity,
         "tracked": sum(point.tracked for point in mapper.trajectory[-len(frame_ms) :]),
         "stages_ms": {name: float(np.median(ms[WARM_UP:])) for name, ms in mapper.stages_ms.items()},
     }

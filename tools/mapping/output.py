@@ -48,7 +48,7 @@ def draw(out: Path, state: Run, sequence: Sequence) -> None:
                 mapper.segmenter,
                 frame,
                 result.T_world_camera,
-                mapper.gravity,
+                mapper.labeller.gravity,
                 mapper.intrinsics,
                 mapper.config,
             )

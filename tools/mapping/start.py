@@ -10,12 +10,13 @@ import numpy as np
 from dsmap.config_file import fill
 from dsmap.errors import InputError
 from dsmap.fusion.config import MapConfig
-from dsmap.fusion.localise import Localiser
 from dsmap.fusion.mapper import Mapper
-from dsmap.fusion.mapper_state import enter, restore
 from dsmap.fusion.runs.checkpoint import load_map, read_metadata, save_map
 from dsmap.fusion.runs.map_recording import Run
+from dsmap.fusion.runs.resume import mapper_in_saved_map, resumed_mapper
 from dsmap.fusion.runs.run_folder import CHECKPOINT
+from dsmap.fusion.segmenter import Segmenter
+from dsmap.kernels.runtime import chosen_device
 from dsmap.sequences import Sequence
 from dsmap.tools.mapping.segmenters import SegmenterSpec, make_segmenter
 from dsmap.tools.support.presets import load_preset, option
@@ -63,15 +64,17 @@ def start(args: Any, sequence: Sequence, spec: SegmenterSpec) -> Run:
         theirs = _saved_config(saved)
         labels = dataclasses.replace(config.labels, rule=theirs.labels.rule)
         config = dataclasses.replace(config, ferns=theirs.ferns, labels=labels)
-    make = Mapper if saved is None or args.extend else Localiser
-    mapper = make(config, sequence.intrinsics, segmenter)
-    state = Run(mapper, lambda now: _save(args, now))
+    device = chosen_device(config.device)
     if args.resume:
-        _resume(args, state, sequence)
-    elif saved is not None:
-        surfels, meta = load_map(saved, mapper.device)
-        enter(mapper, surfels, meta, str(saved))
-    return state
+        return _resume(args, config, sequence, segmenter)
+    if saved is not None:
+        surfels, meta = load_map(saved, device)
+        mapper = mapper_in_saved_map(
+            surfels, meta, str(saved), sequence.intrinsics, segmenter, config, frozen=not args.extend
+        )
+    else:
+        mapper = Mapper(config, sequence.intrinsics, segmenter)
+    return Run(mapper, lambda now: _save(args, now))
 
 
 def map_config(args: Any, sequence: Sequence) -> MapConfig:
@@ -178,9 +181,9 @@ def _save(args: Any, state: Run) -> None:
     save_map(state.mapper, args.out / CHECKPOINT, run={"command": plain, **progress})
 
 
-def _resume(args: Any, state: Run, sequence: Sequence) -> None:
-    path, mapper = checkpoint_of(args.out), state.mapper
-    surfels, meta = load_map(path, mapper.device)
+def _resume(args: Any, config: MapConfig, sequence: Sequence, segmenter: Segmenter | None) -> Run:
+    path = checkpoint_of(args.out)
+    surfels, meta = load_map(path, chosen_device(config.device))
     command = fill(args, meta["run"].get("command", {}), str(path))
     for field in dataclasses.fields(args):
         ours, theirs = getattr(args, field.name), getattr(command, field.name)
@@ -188,12 +191,13 @@ def _resume(args: Any, state: Run, sequence: Sequence) -> None:
             raise InputError(
                 f"--{field.name.replace('_', '-')} is {ours}, but {args.out} was begun with {theirs}; expected the same"
             )
-    camera = dataclasses.asdict(mapper.intrinsics)
+    camera = dataclasses.asdict(sequence.intrinsics)
     if meta["intrinsics"] != plain_values(camera):
         raise InputError(
             f"{args.path}: another camera than that of {args.out}; expected the recording it was begun with"
         )
-    restore(mapper, surfels, meta, str(path))
+    mapper = resumed_mapper(surfels, meta, str(path), sequence.intrinsics, segmenter, config)
+    state = Run(mapper, lambda now: _save(args, now))
     state.done = meta["run"]["done"]
     state.skipped = [(int(index), str(reason)) for index, reason in meta["run"]["skipped"]]
     state.wall_s = meta["run"]["wall_s"]
@@ -204,6 +208,7 @@ def _resume(args: Any, state: Run, sequence: Sequence) -> None:
         )
     for left in args.out.glob(".*.tmp*"):  # what a killed process was writing
         left.unlink()
+    return state
 
 
 def plain_values(values: Any) -> Any:

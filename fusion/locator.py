@@ -1,0 +1,182 @@
+"""Where is the camera: given, tracked against the model's view, or, when tracking has lost it, found in the map."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from dsmap.frame import Frame, Intrinsics, orthonormal
+from dsmap.fusion.config import MapConfig
+from dsmap.fusion.lie import inverse
+from dsmap.fusion.places.recovery import Recovery
+from dsmap.fusion.stage_clock import StageClock
+from dsmap.fusion.state import part_of, with_prefix
+from dsmap.fusion.surfels.model import SurfelModel
+from dsmap.fusion.surfels.model_view import ModelView
+from dsmap.fusion.tracking.motion_filter import MotionFilter
+from dsmap.fusion.tracking.moving_things import MovingThings, mask_depth, with_edges
+from dsmap.fusion.tracking.pose_check import PoseCheck
+from dsmap.fusion.tracking.rolling_shutter import row_motion, undo_rolling_shutter
+from dsmap.fusion.tracking.tracker import Health, Tracker
+from dsmap.fusion.trajectory import TrajectoryPoint, extrapolated
+from dsmap.kernels.types import FrameMaps
+
+_MIN_DEPTH_PIXELS = 0.02
+"""A frame with a smaller share of valid depth is lost: there is nothing to track or to fuse."""
+
+
+@dataclass(frozen=True)
+class Located:
+    """Where a frame was taken from."""
+
+    T_world_camera: np.ndarray
+    """Shape (4, 4); of a lost frame that of the last one."""
+    maps: Sequence[FrameMaps]
+    """The frame's, finest first: as if all rows had been taken at once, moving things marked as depth edges."""
+    tracked: bool
+    reason: str = ""
+    """Why the frame is lost, in words; empty when tracked."""
+    health: Health | None = None
+    """Of the last registration; None where there was none."""
+    relocalised: bool = False
+    """Tracking had lost this frame; it was found again by keyframes."""
+    moving: float = 0.0
+    """Share of the image that moves."""
+
+
+class Locator:
+    """Finds the pose of one frame after the other; owns tracking, the camera's motion and recovery.
+
+    Args:
+        config: every parameter.
+        intrinsics: of the frames.
+        model: the map that frames are located in; relocalised frames make active again what they see of it.
+        clock: times the stages `track` and `moving`.
+    """
+
+    def __init__(self, config: MapConfig, intrinsics: Intrinsics, model: SurfelModel, clock: StageClock):
+        self.config, self.model, self._clock = config, model, clock
+        self.tracker = Tracker(config.track, model.cameras)
+        self.motion = MotionFilter(config.track)
+        self.check = PoseCheck(config, model.views)
+        self.moving = MovingThings(config, model.cameras)
+        self.recovery = Recovery(config, intrinsics, model.views)
+
+    def locate(
+        self,
+        frame: Frame,
+        maps: Sequence[FrameMaps],
+        T_world_last: np.ndarray,
+        trajectory: list[TrajectoryPoint],
+    ) -> Located:
+        """Find a frame.
+
+        Args:
+            maps: of the frame, finest first; they stay as they are.
+            T_world_last: pose of the last frame, shape (4, 4).
+            trajectory: of all frames before this one.
+        """
+        with self._clock.stage("track"):
+            located = self._find(frame, Located(T_world_last, maps, False), trajectory)
+        if located.tracked:
+            with self._clock.stage("moving"):
+                located = self._set_movers_apart(located, trajectory, frame.taken)
+        return located
+
+    def remember(self, maps: Sequence[FrameMaps]) -> None:
+        """Keep a tracked frame, as it was taken, for the next one's pre-alignment."""
+        self.tracker.remember(maps[-1].intensity)
+
+    def state(self) -> dict[str, Any]:
+        """What is carried from frame to frame."""
+        moving, motion = (
+            with_prefix("moving.", self.moving.state()),
+            with_prefix("motion.", self.motion.state()),
+        )
+        return moving | motion | self.tracker.state() | self.recovery.state()
+
+    def load_state(self, state: dict[str, Any]) -> None:
+        """Go on where `state` was taken."""
+        self.moving.load_state(part_of(state, "moving."))
+        self.motion.load_state(part_of(state, "motion."))
+        self.tracker.load_state(state, self.model.device)
+
+    def _find(self, frame: Frame, last: Located, trajectory: list[TrajectoryPoint]) -> Located:
+        model = self.model
+        if self.config.poses == "given":
+            return self._given(frame, last, trajectory)
+        depth = last.maps[0].vertex.numpy()[::4, ::4, 2]
+        if np.count_nonzero(depth) < _MIN_DEPTH_PIXELS * depth.size:
+            return replace(last, reason="too little depth")
+        if model.view is not None:
+            return self._track(last, model.view, trajectory, frame.taken)
+        if model.surfels.count == 0:
+            return replace(last, tracked=True)  # the first frame defines the world
+        return self._recover(replace(last, reason="not found in the map yet"), trajectory)
+
+    def _given(self, frame: Frame, last: Located, trajectory: list[TrajectoryPoint]) -> Located:
+        if frame.T_world_camera is None:
+            return replace(last, reason="no pose is given for this frame")
+        T = np.asarray(frame.T_world_camera, dtype=np.float64)
+        rows = row_motion(self.config.readout_s, trajectory, frame.taken, np.eye(4))
+        return Located(T, undo_rolling_shutter(self.model.cameras, last.maps, rows, T), True)
+
+    def _track(
+        self, last: Located, view: ModelView, trajectory: list[TrajectoryPoint], taken: float
+    ) -> Located:
+        """Track from the last pose; after a gap the map is searched first, which looks closer and further.
+
+        Where that leads astray, once more from where constant motion leads, and by depth and colours alone.
+        """
+        gap = bool(trajectory) and not trajectory[-1].tracked
+        if gap:
+            last = self._recover(last, trajectory)
+            if last.tracked:
+                return last
+        T_view_world, t_min = inverse(view.T_world_camera), self.model.view_t_active
+        expected = self.motion.expected(trajectory, taken, T_view_world)
+        rows = row_motion(self.config.readout_s, trajectory, taken, T_view_world)
+        starts = [(True, last.T_world_camera, expected)]
+        starts += [(False, T, None) for T in extrapolated(trajectory)[:1]]
+        for first, T_start, motion in starts:
+            T_view_camera, health = self.tracker.track(
+                last.maps, view, T_view_world @ T_start, first, motion, rows
+            )
+            T = orthonormal(view.T_world_camera @ T_view_camera)
+            still = undo_rolling_shutter(self.model.cameras, last.maps, rows, T_view_camera)
+            reason = self.check.reason_to_reject(still, T, health, trajectory, t_min, not first)
+            if not reason:
+                return Located(T, still, True, health=health)
+            last = replace(last, reason=reason, health=health)
+        return last if gap else self._recover(last, trajectory)
+
+    def _recover(self, lost: Located, trajectory: list[TrajectoryPoint]) -> Located:
+        """Look for a lost frame in the whole map; what it sees there becomes active again."""
+        found = self.recovery.find(lost.maps, len(trajectory), trajectory)
+        if found is None:
+            return lost
+        if not self.model.frozen:
+            self.model.render_inactive(found)
+            self.model.reactivate(found, lost.maps[self.model.narrow_level].vertex, len(trajectory))
+        return replace(lost, T_world_camera=found, tracked=True, reason="", relocalised=True)
+
+    def _set_movers_apart(self, located: Located, trajectory: list[TrajectoryPoint], taken: float) -> Located:
+        """Mark what moves, and track once more without it: it must not steer the camera."""
+        maps, T_world_camera, health = located.maps, located.T_world_camera, located.health
+        moving = self.moving.mask(maps, trajectory, T_world_camera)
+        if moving is not None:
+            located = replace(located, maps=with_edges(maps, moving), moving=float(moving.mean()))
+        if health is None or located.relocalised or self.model.view is None:
+            return located
+        view, T_view_world = self.model.view, inverse(self.model.view.T_world_camera)
+        T_view_camera = T_view_world @ T_world_camera
+        if moving is not None:
+            expected = self.motion.expected(trajectory, taken, T_view_world)
+            still = mask_depth(located.maps, moving)
+            T_still, health_still = self.tracker.track(still, view, T_view_camera, False, expected)
+            T, t_min = orthonormal(view.T_world_camera @ T_still), self.model.view_t_active
+            if not self.check.reason_to_reject(located.maps, T, health_still, trajectory, t_min):
+                T_world_camera, T_view_camera, health = T, T_still, health_still
+        self.motion.learn(trajectory, taken, T_world_camera, T_view_camera, health.covariance)
+        return replace(located, T_world_camera=T_world_camera, health=health)

@@ -1,0 +1,80 @@
+"""A mapper that goes on where a checkpoint stopped, or that starts a new recording in its map."""
+
+from typing import Any
+
+import numpy as np
+
+from dsmap.errors import InputError
+from dsmap.frame import Intrinsics
+from dsmap.fusion.config import MapConfig
+from dsmap.fusion.mapper import Mapper
+from dsmap.fusion.segmenter import Segmenter
+from dsmap.fusion.trajectory import TrajectoryPoint
+from dsmap.kernels.types import SurfelMap
+
+
+def resumed_mapper(
+    surfels: SurfelMap,
+    meta: dict[str, Any],
+    where: str,
+    intrinsics: Intrinsics,
+    segmenter: Segmenter | None = None,
+    config: MapConfig | None = None,
+) -> Mapper:
+    """The mapper that was saved, as it stopped: it goes on bit for bit.
+
+    Args:
+        surfels, meta: of `checkpoint.load_map`, the surfels on the configured device.
+        where: the file, for messages.
+        config: None: the saved one.
+
+    Raises:
+        InputError: the checkpoint lacks a part of the state, or its images have another size.
+    """
+    mapper = Mapper(config or meta["config"], intrinsics, segmenter, surfels=surfels)
+    try:
+        mapper.load_state(_state(meta), _trajectory(meta))
+    except (KeyError, TypeError, ValueError, RuntimeError) as error:
+        raise _does_not_fit(where, error) from error
+    return mapper
+
+
+def mapper_in_saved_map(
+    surfels: SurfelMap,
+    meta: dict[str, Any],
+    where: str,
+    intrinsics: Intrinsics,
+    segmenter: Segmenter | None = None,
+    config: MapConfig | None = None,
+    frozen: bool = False,
+) -> Mapper:
+    """A mapper whose first frame has to be found in a saved map by the keyframes; see `Mapper.start_in_saved_map`.
+
+    Args:
+        frozen: leave the map as it is; else it grows by what is new.
+
+    Raises:
+        InputError: the map has no keyframes, they were taken with a camera of another shape, or the file is damaged.
+    """
+    mapper = Mapper(config or meta["config"], intrinsics, segmenter, surfels=surfels, frozen=frozen)
+    try:
+        mapper.start_in_saved_map(_state(meta), _trajectory(meta), where)
+    except (KeyError, TypeError, ValueError, RuntimeError) as error:
+        raise _does_not_fit(where, error) from error
+    return mapper
+
+
+def _state(meta: dict[str, Any]) -> dict[str, Any]:
+    return meta["arrays"] | meta["plain"]
+
+
+def _trajectory(meta: dict[str, Any]) -> list[TrajectoryPoint]:
+    points = zip(meta["times"], meta["poses"], meta["tracked"], meta["depth_times"], strict=True)
+    return [
+        TrajectoryPoint(float(time), T, bool(tracked), None if np.isnan(depth_time) else float(depth_time))
+        for time, T, tracked, depth_time in points
+    ]
+
+
+def _does_not_fit(where: str, error: Exception) -> InputError:
+    return InputError(f"{where}: does not fit ({error}); expected a whole dsmap checkpoint")
