@@ -128,6 +128,51 @@ def test_colour_encodings(encoding: str, tmp_path: Path):
     assert np.array_equal(open_sequence(tmp_path / "a.bag").frame(0).rgb, expected)
 
 
+def test_depth_in_rvl(tmp_path: Path):
+    holes = SHOTS[0].millimetres.copy()
+    holes[10:20, 5:50], holes[-1], holes[40, 40] = 0, 0, 65000
+    data = ros.rvl_encoded(holes)
+    with ros.BagWriter(tmp_path / "bag", "mcap") as bag:
+        for k in range(2):
+            bag.camera_info("/rgb/camera_info", START + k, "c", CAMERA)
+            bag.image("/rgb/image", START + k, "c", SHOTS[0].rgb, "rgb8")
+            cut = data if k == 0 else data[:400]
+            bag.compressed(
+                "/depth/image/compressedDepth", START + k, "c", bytes(12) + cut, "16UC1; compressedDepth rvl"
+            )
+    sequence = open_sequence(tmp_path / "bag")
+    assert np.array_equal(sequence.frame(0).depth, holes * np.float32(0.001))
+    with pytest.raises(InputError, match="RVL"):
+        sequence.frame(1)
+
+
+def test_two_clocks_are_paired_by_when_images_were_recorded(tmp_path: Path):
+    with ros.BagWriter(tmp_path / "a.bag", "ros1") as bag:
+        for s in SHOTS:
+            bag.camera_info("/rgb/camera_info", s.time, "c", CAMERA)
+            bag.image("/rgb/image", s.time, "c", s.rgb, "rgb8")
+            depth = bag.make(
+                "sensor_msgs/msg/Image", header=bag.header(s.time - START + 5, "c"), height=72, width=96,
+                encoding="16UC1", is_bigendian=0, step=192, data=s.millimetres.ravel().view(np.uint8),
+            )  # fmt: skip
+            bag.write("/depth/image", depth, s.time + 0.006)
+    sequence = open_sequence(tmp_path / "a.bag")
+    assert len(sequence) == COUNT
+    assert any("different clocks" in note for note in sequence.notes)
+    assert np.array_equal(sequence.frame(5).depth, SHOTS[5].millimetres * np.float32(0.001))
+
+
+def test_rtabmap_cameras_in_plain_yaml(tmp_path: Path):
+    path = formats.write_rtabmap(tmp_path, SHOTS)
+    K = ", ".join(f"{v:.9g}" for v in CAMERA.K.ravel())
+    for file in (path / "rtabmap_calib").iterdir():
+        file.write_text(
+            "%YAML:1.0\n---\ncamera_name: c\nimage_width: 96\nimage_height: 72\ncamera_matrix:\n"
+            f"   rows: 3\n   cols: 3\n   data: [ {K} ]\n"
+        )
+    assert open_sequence(path).intrinsics == CAMERA
+
+
 def test_a_bag_without_depth_says_what_there_is(tmp_path: Path):
     with ros.BagWriter(tmp_path / "a.bag", "ros1") as bag:
         bag.image("/rgb/image", START, "c", SHOTS[0].rgb, "rgb8")

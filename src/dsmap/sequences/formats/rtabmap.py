@@ -101,10 +101,9 @@ def _matrix(storage: cv2.FileStorage, name: str, rows: int, columns: int) -> np.
     node = storage.getNode(name)
     if node.empty():
         return None
-    data = node.mat()
-    if data is None:  # a plain map of rows, cols and data, without OpenCV's type
-        values = node.getNode("data")
-        data = np.array([values.at(i).real() for i in range(values.size())])
+    values = node.getNode("data")  # a plain map of rows, cols and data, or with OpenCV's type
+    plain = node.getNode("dt").empty()
+    data = np.array([values.at(i).real() for i in range(values.size())]) if plain else node.mat()
     return np.array(data, np.float64).reshape(rows, columns) if np.size(data) else None
 
 

@@ -21,7 +21,7 @@ _DEPTH_SCALE = 1000.0
 def _detect(path: Path) -> bool:
     return (
         all((path / name).is_dir() for name in ("color", "depth", "pose"))
-        and (path / "intrinsic" / "intrinsic_depth.txt").is_file()
+        and _matrix_of(path, "depth") is not None
     )
 
 
@@ -38,10 +38,16 @@ def _read(path: Path, _: Options) -> Recording:
 READER = Reader("scannet", _detect, _read)
 
 
+def _matrix_of(path: Path, name: str) -> np.ndarray | None:
+    """K of a camera, (4, 4); the 25k frames have the file in the scene's folder."""
+    files = (path / "intrinsic" / f"intrinsic_{name}.txt", path / f"intrinsics_{name}.txt")
+    return next((K for file in files if (K := read_matrix(file)) is not None), None)
+
+
 def _calibration(path: Path, colour: dict[int, Path], depth: dict[int, Path]) -> Calibration | None:
     cameras = []
     for name, images in (("color", colour), ("depth", depth)):
-        K = read_matrix(path / "intrinsic" / f"intrinsic_{name}.txt")
+        K = _matrix_of(path, name)
         size = image_size(next(iter(images.values()))) if images else None
         if K is None or size is None:
             return None
