@@ -17,6 +17,7 @@ import sequence_files
 from format_cases import CASES, written
 from recording_shots import CAMERA, COUNT, START, shots
 
+from dsmap.classes import CLASS_TO_NYU40
 from dsmap.errors import InputError
 from dsmap.frame import Intrinsics
 from dsmap.sequences import open_sequence
@@ -195,13 +196,26 @@ def test_scannet_labels_of_a_larger_colour_image_are_seen_from_the_depth_camera(
     path = formats.write_scannet(tmp_path, SHOTS)
     large = CAMERA.scaled(192, 144)
     for k, s in enumerate(SHOTS):
-        for name, image in (("color", s.rgb[..., ::-1]), ("label", s.label)):
+        for name, image in (("color", s.rgb[..., ::-1]), ("label", CLASS_TO_NYU40[s.label])):
             file = next((path / name).glob(f"{k}.*"))
             cv2.imwrite(str(file), cv2.resize(image, (192, 144), interpolation=cv2.INTER_NEAREST))
     (path / "intrinsic/intrinsic_color.txt").write_text(formats.matrix(formats.k4(large)))
     frame = open_sequence(path).frame(1)
     assert frame.label is not None and np.array_equal(frame.label, SHOTS[1].label)
     assert frame.rgb.shape == (72, 96, 3)
+
+
+def test_scannet_raw_labels_need_the_label_map(tmp_path: Path):
+    path = formats.write_scannet(tmp_path / "scene0000_00", SHOTS)
+    (path / "label").rename(path / "label-filt")
+    for k, s in enumerate(SHOTS):
+        cv2.imwrite(str(path / f"label-filt/{k}.png"), (s.label.astype(np.uint16) + 1000))
+    sequence = open_sequence(path)
+    assert not sequence.has_labels and any("scannetv2-labels" in note for note in sequence.notes)
+    rows = "".join(f"{i + 1000}\tx\t{CLASS_TO_NYU40[i]}\n" for i in range(1, 14))
+    (tmp_path / "scannetv2-labels.combined.tsv").write_text("id\traw_category\tnyu40id\n" + rows)
+    label = open_sequence(path).frame(0).label
+    assert label is not None and np.array_equal(label, SHOTS[0].label)
 
 
 def test_record3d_depth_of_a_smaller_size_is_the_frame(tmp_path: Path):
