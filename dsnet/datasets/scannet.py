@@ -1,6 +1,5 @@
 """ScanNet: frames exported from the scans (`label-filt`), or the ready-made set `scannet_frames_25k`."""
 
-import csv
 from pathlib import Path
 
 import numpy as np
@@ -10,10 +9,10 @@ from dsmap.dsnet.datasets.base import FileItem, LabelledSet, read_list, require
 from dsmap.dsnet.datasets.geometry import DepthView
 from dsmap.errors import InputError
 from dsmap.frame import Intrinsics
+from dsmap.sequences.label_sets import SCANNET_LABEL_MAP, scannet_table
 
 _WIDTH, _HEIGHT = 640, 480
 """Of the depth images."""
-LABEL_MAP = "scannetv2-labels.combined.tsv"
 
 
 def is_scannet(path: Path) -> bool:
@@ -44,7 +43,9 @@ def load_scannet(path: Path, split: str | None) -> LabelledSet:
         labels, ids = scene / "label", NYU40_TO_13
         if (scene / "label-filt").is_dir():
             labels = scene / "label-filt"
-            table = label_table(path / LABEL_MAP) if table is None else table
+            if table is None:
+                require(path / SCANNET_LABEL_MAP, f"the label map {SCANNET_LABEL_MAP} of ScanNet v2")
+                table = scannet_table(path / SCANNET_LABEL_MAP)
             ids = table
         require(
             labels,
@@ -82,23 +83,3 @@ def _depth_view(scene: Path) -> DepthView | None:
 
 def _number(path: Path) -> tuple[int, str]:
     return (int(path.stem) if path.stem.isdigit() else 0, path.stem)
-
-
-def label_table(path: Path) -> np.ndarray:
-    """Class of each raw id of ScanNet, uint8, shape (largest id + 1,); ids that are not listed are void.
-
-    Raises:
-        InputError: the label map is missing or is none.
-    """
-    require(path, f"the label map {LABEL_MAP} of ScanNet v2")
-    try:
-        with path.open(encoding="utf-8", newline="") as file:
-            rows = [(int(row["id"]), int(row["nyu40id"])) for row in csv.DictReader(file, delimiter="\t")]
-    except (OSError, KeyError, TypeError, ValueError) as error:
-        raise InputError(f"{path}: no label map ({error!r}), expected columns id and nyu40id") from error
-    if not rows or min(min(row) for row in rows) < 0 or max(nyu for _, nyu in rows) > 40:
-        raise InputError(f"{path}: expected ids from 0 and nyu40id within 0..40")
-    table = np.zeros(max(i for i, _ in rows) + 1, np.uint8)
-    for raw, nyu in rows:
-        table[raw] = NYU40_TO_13[nyu]
-    return table

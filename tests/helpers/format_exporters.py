@@ -13,6 +13,7 @@ import numpy as np
 from recording_shots import CAMERA, Shot, png16
 from scipy.spatial.transform import Rotation
 
+from dsmap.classes import CLASS_TO_NYU40
 from dsmap.frame import Intrinsics
 from dsmap.sequences.associate import pose_vector
 
@@ -52,12 +53,13 @@ def write_sens(path: Path, shots: list[Shot], compression: int = 1) -> Path:
 
 
 def write_scannet(path: Path, shots: list[Shot]) -> Path:
+    path.mkdir(exist_ok=True)
     for name in ("color", "depth", "pose", "intrinsic", "label"):
         (path / name).mkdir()
     for k, s in enumerate(shots):
         (path / f"color/{k}.jpg").write_bytes(s.jpeg)
         (path / f"depth/{k}.png").write_bytes(png16(s.millimetres))
-        (path / f"label/{k}.png").write_bytes(png16(s.label.astype(np.uint8)))
+        (path / f"label/{k}.png").write_bytes(png16(CLASS_TO_NYU40[s.label]))
         (path / f"pose/{k}.txt").write_text(matrix(s.T_world_camera))
     for name in ("color", "depth"):
         (path / f"intrinsic/intrinsic_{name}.txt").write_text(matrix(k4()))

@@ -205,3 +205,33 @@ def write_realsense(
             bag.image(f"{color}/image/data", s.time, "0", s.rgb, "rgb8")
             bag.image(f"{base}0/Infrared_1/image/data", s.time, "0", s.rgb[..., 0], "mono8")
     return file
+
+
+def rvl_encoded(depth: np.ndarray) -> bytes:
+    """Wilson's RVL of a depth image, uint16, number by number."""
+    nibbles: list[int] = []
+
+    def put(value: int) -> None:
+        while True:
+            rest = value >> 3
+            nibbles.append((value & 7) | (8 if rest else 0))
+            value = rest
+            if not value:
+                return
+
+    values, at, last = depth.ravel().astype(int).tolist(), 0, 0
+    while at < len(values):
+        zeros = next((i for i, v in enumerate(values[at:]) if v), len(values) - at)
+        at += zeros
+        count = next((i for i, v in enumerate(values[at:]) if not v), len(values) - at)
+        put(zeros)
+        put(count)
+        for value in values[at : at + count]:
+            delta, last = value - last, value
+            put((delta << 1) ^ (delta >> 31))
+        at += count
+    nibbles += [0] * (-len(nibbles) % 8)
+    words = [
+        sum(n << (28 - 4 * i) for i, n in enumerate(nibbles[k : k + 8])) for k in range(0, len(nibbles), 8)
+    ]
+    return struct.pack("<II", depth.shape[1], depth.shape[0]) + np.array(words, "<u4").tobytes()

@@ -17,6 +17,7 @@ import sequence_files
 from format_cases import CASES, written
 from recording_shots import CAMERA, COUNT, START, shots
 
+from dsmap.classes import CLASS_TO_NYU40
 from dsmap.errors import InputError
 from dsmap.frame import Intrinsics
 from dsmap.sequences import open_sequence
@@ -128,6 +129,51 @@ def test_colour_encodings(encoding: str, tmp_path: Path):
     assert np.array_equal(open_sequence(tmp_path / "a.bag").frame(0).rgb, expected)
 
 
+def test_depth_in_rvl(tmp_path: Path):
+    holes = SHOTS[0].millimetres.copy()
+    holes[10:20, 5:50], holes[-1], holes[40, 40] = 0, 0, 65000
+    data = ros.rvl_encoded(holes)
+    with ros.BagWriter(tmp_path / "bag", "mcap") as bag:
+        for k in range(2):
+            bag.camera_info("/rgb/camera_info", START + k, "c", CAMERA)
+            bag.image("/rgb/image", START + k, "c", SHOTS[0].rgb, "rgb8")
+            cut = data if k == 0 else data[:400]
+            bag.compressed(
+                "/depth/image/compressedDepth", START + k, "c", bytes(12) + cut, "16UC1; compressedDepth rvl"
+            )
+    sequence = open_sequence(tmp_path / "bag")
+    assert np.array_equal(sequence.frame(0).depth, holes * np.float32(0.001))
+    with pytest.raises(InputError, match="RVL"):
+        sequence.frame(1)
+
+
+def test_two_clocks_are_paired_by_when_images_were_recorded(tmp_path: Path):
+    with ros.BagWriter(tmp_path / "a.bag", "ros1") as bag:
+        for s in SHOTS:
+            bag.camera_info("/rgb/camera_info", s.time, "c", CAMERA)
+            bag.image("/rgb/image", s.time, "c", s.rgb, "rgb8")
+            depth = bag.make(
+                "sensor_msgs/msg/Image", header=bag.header(s.time - START + 5, "c"), height=72, width=96,
+                encoding="16UC1", is_bigendian=0, step=192, data=s.millimetres.ravel().view(np.uint8),
+            )  # fmt: skip
+            bag.write("/depth/image", depth, s.time + 0.006)
+    sequence = open_sequence(tmp_path / "a.bag")
+    assert len(sequence) == COUNT
+    assert any("different clocks" in note for note in sequence.notes)
+    assert np.array_equal(sequence.frame(5).depth, SHOTS[5].millimetres * np.float32(0.001))
+
+
+def test_rtabmap_cameras_in_plain_yaml(tmp_path: Path):
+    path = formats.write_rtabmap(tmp_path, SHOTS)
+    K = ", ".join(f"{v:.9g}" for v in CAMERA.K.ravel())
+    for file in (path / "rtabmap_calib").iterdir():
+        file.write_text(
+            "%YAML:1.0\n---\ncamera_name: c\nimage_width: 96\nimage_height: 72\ncamera_matrix:\n"
+            f"   rows: 3\n   cols: 3\n   data: [ {K} ]\n"
+        )
+    assert open_sequence(path).intrinsics == CAMERA
+
+
 def test_a_bag_without_depth_says_what_there_is(tmp_path: Path):
     with ros.BagWriter(tmp_path / "a.bag", "ros1") as bag:
         bag.image("/rgb/image", START, "c", SHOTS[0].rgb, "rgb8")
@@ -150,13 +196,26 @@ def test_scannet_labels_of_a_larger_colour_image_are_seen_from_the_depth_camera(
     path = formats.write_scannet(tmp_path, SHOTS)
     large = CAMERA.scaled(192, 144)
     for k, s in enumerate(SHOTS):
-        for name, image in (("color", s.rgb[..., ::-1]), ("label", s.label)):
+        for name, image in (("color", s.rgb[..., ::-1]), ("label", CLASS_TO_NYU40[s.label])):
             file = next((path / name).glob(f"{k}.*"))
             cv2.imwrite(str(file), cv2.resize(image, (192, 144), interpolation=cv2.INTER_NEAREST))
     (path / "intrinsic/intrinsic_color.txt").write_text(formats.matrix(formats.k4(large)))
     frame = open_sequence(path).frame(1)
     assert frame.label is not None and np.array_equal(frame.label, SHOTS[1].label)
     assert frame.rgb.shape == (72, 96, 3)
+
+
+def test_scannet_raw_labels_need_the_label_map(tmp_path: Path):
+    path = formats.write_scannet(tmp_path / "scene0000_00", SHOTS)
+    (path / "label").rename(path / "label-filt")
+    for k, s in enumerate(SHOTS):
+        cv2.imwrite(str(path / f"label-filt/{k}.png"), (s.label.astype(np.uint16) + 1000))
+    sequence = open_sequence(path)
+    assert not sequence.has_labels and any("scannetv2-labels" in note for note in sequence.notes)
+    rows = "".join(f"{i + 1000}\tx\t{CLASS_TO_NYU40[i]}\n" for i in range(1, 14))
+    (tmp_path / "scannetv2-labels.combined.tsv").write_text("id\traw_category\tnyu40id\n" + rows)
+    label = open_sequence(path).frame(0).label
+    assert label is not None and np.array_equal(label, SHOTS[0].label)
 
 
 def test_record3d_depth_of_a_smaller_size_is_the_frame(tmp_path: Path):

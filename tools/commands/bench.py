@@ -26,7 +26,7 @@ _THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS
 @dataclass
 class Args:
     path: tyro.conf.Positional[Path]
-    """The recording: a folder in TUM RGB-D, 7-Scenes or Redwood/Open3D layout."""
+    """The recording: a folder, or a file as cameras leave it (docs/guide/recordings.md)."""
     peer: Literal["none", "open3d"] = "none"
     """Run this system as well, turn by turn: Open3D's dense SLAM on the CPU."""
     size: str | None = None

@@ -13,7 +13,7 @@ from dsmap.tools.support.parse import parse_intrinsics
 @dataclass
 class Args:
     source: tyro.conf.Positional[Path]
-    """The recording: a folder in TUM RGB-D, 7-Scenes or Redwood/Open3D layout."""
+    """The recording: a folder, or a file as cameras leave it (docs/guide/recordings.md)."""
     destination: tyro.conf.Positional[Path]
     """New folder for the sequence (TUM layout; image files are copied as they are)."""
     start: float = 0.0

@@ -13,8 +13,8 @@ from dsmap.sequences.associate import MAX_DIFFERENCE_S, pose_vector
 from dsmap.sequences.base import Sequence
 from dsmap.sequences.calibration import write_calibration
 from dsmap.sequences.images import Packed, Source, encoded
+from dsmap.sequences.lists import read_image_list, read_poses
 from dsmap.sequences.mesh import FILE as MESH
-from dsmap.sequences.tum import read_image_list, read_poses
 from dsmap.sequences.writer import LISTS
 
 _POSE_MARGIN_S = 1.0
@@ -92,8 +92,8 @@ def _tum_content(sequence: Sequence) -> tuple[dict[str, Rows], Poses, float]:
     images: dict[str, Rows] = {}
     for name in ("rgb", "depth", "label", "instance"):
         if (folder / f"{name}.txt").exists():
-            times, files = read_image_list(folder / f"{name}.txt", [])
-            images[name] = list(zip(times.tolist(), files, strict=True))
+            found = read_image_list(folder / f"{name}.txt", [])
+            images[name] = list(zip(found.times.tolist(), found.files, strict=True))
     poses: Poses = []
     if (folder / "groundtruth.txt").exists():
         pose_times, vectors = read_poses(folder / "groundtruth.txt", [])

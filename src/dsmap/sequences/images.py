@@ -10,6 +10,21 @@ import numpy as np
 from dsmap.errors import InputError
 from dsmap.frame import Intrinsics
 
+IMAGE_SUFFIXES = (
+    ".png",
+    ".jpg",
+    ".jpeg",
+    ".tif",
+    ".tiff",
+    ".bmp",
+    ".ppm",
+    ".pgm",
+    ".webp",
+    ".exr",
+    ".npy",
+    ".npz",
+)
+"""Of image files, in lower case."""
 SATURATED = 65535
 """A stored 16-bit depth of this value is no measurement (7-Scenes says so; elsewhere it is clipped)."""
 

@@ -7,6 +7,7 @@ from dsmap.sequences.base import Recording, Sequence
 from dsmap.sequences.calibration import FILE, Calibration, known_default, read_calibration, resolve
 from dsmap.sequences.formats import OPTIONS, Options, find_reader
 from dsmap.sequences.formats.archive import is_archive, unpack
+from dsmap.sequences.found_calibration import check_assumed, find_calibration
 from dsmap.sequences.images import image_size
 from dsmap.sequences.redwood import is_redwood, read_redwood
 from dsmap.sequences.seven_scenes import is_seven_scenes, read_seven_scenes
@@ -62,6 +63,8 @@ def open_sequence(
             f"size: found {size[0]}x{size[1]}, expected a width and height of at least one pixel"
         )
     found = _image_size(recording, stored)
+    if stored is None:
+        stored = _stated_or_assumed(recording, found, intrinsics is not None)
     calibration = resolve(recording.layout, folder, found, stored, intrinsics, depth_scale)
     return Sequence(recording, calibration, size, entries, undistort)
 
@@ -82,7 +85,7 @@ def read_recording(folder: Path, stored: Calibration | None = None, options: Opt
     if is_seven_scenes(folder):
         return read_seven_scenes(folder)
     if is_redwood(folder):
-        return read_redwood(folder)
+        return read_redwood(folder, stored.depth_time_offset_s if stored else 0.0)
     names = sorted(entry.name + ("/" if entry.is_dir() else "") for entry in folder.iterdir())
     more = f" and {len(names) - _LISTED} more" if len(names) > _LISTED else ""
     found = ", ".join(names[:_LISTED]) + more if names else "an empty folder"
@@ -103,6 +106,20 @@ def _calibration_of(recording: Recording) -> Calibration | None:
     if recording.path.is_file() and (own is None or own.source.startswith("assumed")):
         return read_calibration(recording.path.parent) or own
     return own
+
+
+def _stated_or_assumed(recording: Recording, size: tuple[int, int], is_given: bool) -> Calibration | None:
+    """The camera that a file beside the images states; None, and a note on what is assumed, where there is none."""
+    depth_size = image_size(recording.entries[0].depth)
+    try:
+        found = find_calibration(recording.path, recording.layout, size, depth_size, recording.notes)
+    except InputError:
+        if not is_given:
+            raise
+        found = None
+    if found is None and not is_given:
+        check_assumed(recording.layout, recording.path, size, recording.notes)
+    return found
 
 
 def _slice(start: int, stop: int | None, stride: int) -> slice:

@@ -1,72 +1,96 @@
-"""The Redwood/Open3D layout: `image/` or `color/`, `depth/`, optional `trajectory.log`."""
+"""Folders of images: `image/`, `color/` or `rgb/` beside `depth/`, paired by name or by lists of stamps.
 
-import re
+Redwood and Open3D leave `image/00000.jpg`, `depth/00000.png` and `trajectory.log`; other programs name files by stamp
+or date, or leave `associations.txt`, or `color.txt` and `depth.txt`.
+"""
+
 from pathlib import Path
 
 import numpy as np
 
 from dsmap.errors import InputError
 from dsmap.sequences.base import Entry, Recording
-from dsmap.sequences.seven_scenes import FRAME_RATE, is_rigid
+from dsmap.sequences.lists import read_associations, read_image_list
+from dsmap.sequences.names import COLOUR_FOLDERS, DEPTH_FOLDERS, folder_of, images_in, pair_by_name
+from dsmap.sequences.seven_scenes import is_rigid
+from dsmap.sequences.text import read_text
+from dsmap.sequences.tum import paired, poses_of
 
-_SUFFIXES = {".png", ".jpg", ".jpeg", ".tif", ".tiff"}
+_LAYOUT_OF_RGB = "folders"
+"""Of `rgb/` beside `depth/`: no camera is the usual one there."""
+_ASSOCIATIONS = ("associations.txt", "association.txt", "associated.txt", "associate.txt")
 
 
 def is_redwood(folder: Path) -> bool:
-    return (folder / "depth").is_dir() and any((folder / name).is_dir() for name in ("image", "color"))
+    if not folder.is_dir():
+        return False
+    return folder_of(folder, COLOUR_FOLDERS) is not None and folder_of(folder, DEPTH_FOLDERS) is not None
 
 
-def read_redwood(folder: Path) -> Recording:
-    """Pair the images of a folder in the Redwood layout by the number that leads their names.
+def read_redwood(folder: Path, depth_time_offset_s: float = 0.0) -> Recording:
+    """Pair the images of two folders by lists of stamps where there are some, else by what varies in their names.
 
-    Stamps are number / 30 Hz. `trajectory.log` holds camera-to-world poses, the first for the first number.
+    Numbers are frames at 30 Hz. `trajectory.log` holds camera-to-world poses, the first for the first number.
 
     Raises:
         InputError: no frame has both colour and depth, or `trajectory.log` is malformed.
     """
-    colour = _numbered(folder / ("image" if (folder / "image").is_dir() else "color"))
-    depth = _numbered(folder / "depth")
-    numbers = sorted(colour.keys() & depth.keys())
-    if not numbers:
+    colour, depth = folder_of(folder, COLOUR_FOLDERS), folder_of(folder, DEPTH_FOLDERS)
+    if colour is None or depth is None:
         raise InputError(
-            f"{folder}: found {len(colour)} colour and {len(depth)} depth images of no common number, "
-            "expected image/00000.jpg beside depth/00000.png"
+            f"{folder}: found no folder of colour or depth images, expected image/ beside depth/"
         )
+    layout = "redwood" if colour.name.lower() in ("image", "color") else _LAYOUT_OF_RGB
+    if (listed := _by_lists(layout, folder, depth_time_offset_s)) is not None:
+        return listed
+    pairs = pair_by_name(folder, images_in(colour), images_in(depth), depth_time_offset_s)
     poses = _trajectory(folder / "trajectory.log")
-    first = min(colour.keys() | depth.keys())
-    notes: list[str] = []
-    if poses and len(poses) != len(numbers):
-        notes.append(f"trajectory.log holds {len(poses)} poses for {len(numbers)} frames")
+    given: list[np.ndarray | None] = [None] * len(pairs.times)
+    if poses and pairs.numbers is not None:
+        if len(poses) != len(pairs.numbers):
+            pairs.notes.append(f"trajectory.log holds {len(poses)} poses for {len(pairs.numbers)} frames")
+        first = pairs.first_number if pairs.first_number is not None else min(pairs.numbers)
+        given = [poses[n - first] if n - first < len(poses) else None for n in pairs.numbers]
+    elif poses and len(poses) == len(given):
+        given = list(poses)
+    elif poses:
+        pairs.notes.append(f"poses are not used: trajectory.log holds {len(poses)} for {len(given)} frames")
+    else:
+        given = poses_of(folder / "groundtruth.txt", pairs.depth_times, pairs.notes)
     entries = [
         Entry(
-            k,
-            n / FRAME_RATE,
-            colour[n],
-            depth[n],
-            T_world_camera=poses[n - first] if n - first < len(poses) else None,
+            k, float(pairs.times[k]), pairs.colour[k], pairs.depth[k], T_world_camera=given[k],
+            depth_time=None if pairs.numbers is not None else float(pairs.depth_times[k]),
         )
-        for k, n in enumerate(numbers)
-    ]
-    return Recording("redwood", folder, entries, len(colour), len(depth), notes)
+        for k in range(len(pairs.times))
+    ]  # fmt: skip
+    return Recording(layout, folder, entries, pairs.num_colour, pairs.num_depth, pairs.notes)
 
 
-def _numbered(folder: Path) -> dict[int, Path]:
-    found = {}
-    for path in sorted(folder.iterdir()):
-        match = re.search(r"\d+", path.stem)
-        if match and path.suffix.lower() in _SUFFIXES:
-            found[int(match[0])] = path
-    return found
+def _by_lists(layout: str, folder: Path, depth_time_offset_s: float) -> Recording | None:
+    """By `associations.txt`, or `color.txt` beside `depth.txt`; None where there are none."""
+    notes: list[str] = []
+    file = next((folder / name for name in _ASSOCIATIONS if (folder / name).is_file()), None)
+    if file is not None:
+        rgb, depth = read_associations(file, notes)
+        return paired(layout, folder, rgb, depth, depth_time_offset_s, notes)
+    file = next(
+        (folder / f"{name}.txt" for name in COLOUR_FOLDERS if (folder / f"{name}.txt").is_file()), None
+    )
+    if file is None or not (folder / "depth.txt").is_file():
+        return None
+    rgb, depth = read_image_list(file, notes), read_image_list(folder / "depth.txt", notes)
+    return paired(layout, folder, rgb, depth, depth_time_offset_s, notes)
 
 
 def _trajectory(path: Path) -> list[np.ndarray | None]:
     """Camera-to-world poses in the file's order; None where one is no rigid transform."""
     if not path.exists():
         return []
+    lines = [line.split() for line in read_text(path).splitlines() if line.strip()]
     try:
-        lines = [line.split() for line in path.read_text().splitlines() if line.strip()]
         blocks = [np.array(lines[i + 1 : i + 5], dtype=np.float64) for i in range(0, len(lines), 5)]
-    except (OSError, ValueError) as error:
+    except ValueError as error:
         raise InputError(
             f"{path}: {error}, expected blocks of a line of three numbers and a 4x4 matrix"
         ) from error

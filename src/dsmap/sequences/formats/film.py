@@ -68,7 +68,9 @@ class Film:
 
     def _open(self) -> Any:
         try:
-            return self._av.open(str(self.path))
+            return self._av.open(
+                str(self.path), options={"ignore_editlist": "1"}
+            )  # phones cut frames off by it
         except (self._av.FFmpegError, OSError) as error:
             raise self._damaged(error) from error
 

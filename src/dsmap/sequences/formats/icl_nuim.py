@@ -22,6 +22,8 @@ _CAMERA = Intrinsics(640, 480, 481.2, 480.0, 319.5, 239.5)
 _SOURCE = "known default of ICL-NUIM"
 _MIRROR = np.diag([1.0, -1.0, 1.0, 1.0])
 _TUM_SCALE = 5000.0
+_NAME = re.compile(r"(living_?room|office|lr|of)_?(traj|kt)_?\d", re.IGNORECASE)
+"""Of the folders that the data set's archives make."""
 _CENTIMETRES = 20.0
 """Rooms are smaller than this [m]: a median depth above it is in centimetres."""
 
@@ -29,7 +31,8 @@ _CENTIMETRES = 20.0
 def _detect(path: Path) -> bool:
     if not path.is_dir():
         return False
-    compatible = (path / "rgb").is_dir() and (path / "depth").is_dir() and _truth(path) is not None
+    known = _truth(path) is not None or (_NAME.search(path.name) and (path / "associations.txt").is_file())
+    compatible = bool(known) and (path / "rgb").is_dir() and (path / "depth").is_dir()
     return compatible or any(path.glob("scene_*_*.depth"))
 
 

@@ -17,7 +17,6 @@ from dsmap.sequences.seven_scenes import is_rigid
 
 OPENGL_AXES = np.diag([1.0, -1.0, -1.0, 1.0])
 """Between a camera that looks along -z with y up (OpenGL, ARKit) and one that looks along z with y down."""
-IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".ppm", ".pgm", ".webp")
 
 
 @dataclass(frozen=True)

@@ -54,7 +54,7 @@ READER = Reader("realsense", is_realsense, _read)
 
 
 def _calibration(bag: Bag, colour: Stream, depth: Stream, scale: float, notes: list[str]) -> Calibration:
-    of_colour, of_depth = camera_of(bag, colour.topic), camera_of(bag, depth.topic)
+    of_colour, of_depth = (camera_of(bag, stream.topic, notes) for stream in (colour, depth))
     if of_colour is None or of_depth is None:
         raise InputError(
             f"{bag.path}: found no camera_info beside the images, expected one for colour and depth"

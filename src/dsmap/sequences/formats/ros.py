@@ -1,6 +1,6 @@
 """ROS 1 and ROS 2 bags: `.bag`, `.db3`, `.mcap`, or a folder of them; topics are found by their types."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -8,6 +8,7 @@ import numpy as np
 
 from dsmap.errors import InputError
 from dsmap.frame import Intrinsics
+from dsmap.sequences.associate import associate
 from dsmap.sequences.base import Recording
 from dsmap.sequences.calibration import Calibration
 from dsmap.sequences.formats.bag import Bag, Stamp, Topic, is_bag
@@ -73,13 +74,31 @@ def choose_streams(bag: Bag, options: Options) -> tuple[Stream, Stream, list[str
 def read_streams(
     layout: str, bag: Bag, colour: Stream, depth: Stream, calibration: Calibration | None, notes: list[str]
 ) -> Recording:
-    """Pair the images of two topics by the stamps of their headers. Raises InputError."""
-    return recording_by_stamp(
-        layout, bag.path, _stamped(bag, colour.topic), _stamped(bag, depth.topic), calibration, notes
-    )
+    """Pair the images of two topics by their headers' stamps, or by when they were recorded. Raises InputError."""
+    stamps = [bag.stamps(stream.topic) for stream in (colour, depth)]
+    if _partners(stamps) < 0.5 * min(map(len, stamps)):  # two clocks: a camera's own and the computer's
+        recorded = [[replace(s, time=s.recorded_ns / 1e9) for s in found] for found in stamps]
+        if _partners(recorded) > _partners(stamps):
+            notes.append(
+                "paired by when the images were recorded: their headers' stamps are of different clocks"
+            )
+            stamps = recorded
+    images = [
+        [Stamped(s.time, _packed(bag, stream.topic, s)) for s in found]
+        for stream, found in zip((colour, depth), stamps, strict=True)
+    ]
+    return recording_by_stamp(layout, bag.path, *images, calibration, notes)
 
 
-def camera_of(bag: Bag, topic: Topic) -> tuple[Intrinsics, str] | None:
+def _partners(stamps: list[list[Stamp]]) -> int:
+    return len(associate(*(np.sort([s.time for s in found]) for found in stamps))) if all(stamps) else 0
+
+
+def _packed(bag: Bag, topic: Topic, stamp: Stamp) -> Packed:
+    return Packed(bag.path, f"{topic.name} at {stamp.time:.6f} s", partial(_pixels, bag, topic, stamp))
+
+
+def camera_of(bag: Bag, topic: Topic, notes: list[str]) -> tuple[Intrinsics, str] | None:
     """The camera of an image topic and the name of the CameraInfo topic that says so."""
     infos = bag.of_type(_CAMERA_INFO)
     if not infos:
@@ -104,16 +123,11 @@ def camera_of(bag: Bag, topic: Topic) -> tuple[Intrinsics, str] | None:
     elif message.distortion_model in ("plumb_bob", "") and D.size >= 4 and D[:5].any():
         k1, k2, p1, p2, k3 = (float(v) for v in np.append(D, 0.0)[:5])
         distortion = (k1, k2, p1, p2, k3)
+    elif D.any():
+        notes.append(f"{best.name}: lens distortion {message.distortion_model!r} is left in the images")
     width, height = int(message.width), int(message.height)
     fx, cx, fy, cy = (float(K[i]) for i in (0, 2, 4, 5))
     return Intrinsics(width, height, fx, fy, cx, cy, distortion), best.name
-
-
-def _stamped(bag: Bag, topic: Topic) -> list[Stamped]:
-    return [
-        Stamped(s.time, Packed(bag.path, f"{topic.name} at {s.time:.6f} s", partial(_pixels, bag, topic, s)))
-        for s in bag.stamps(topic)
-    ]
 
 
 def _pixels(bag: Bag, topic: Topic, stamp: Stamp) -> bytes | np.ndarray:
@@ -170,7 +184,7 @@ def _shared_segments(info: str, topic: str) -> int:
 def _calibration(
     bag: Bag, colour: Stream, depth: Stream, frames: Frames, notes: list[str]
 ) -> Calibration | None:
-    of_colour, of_depth = camera_of(bag, colour.topic), camera_of(bag, depth.topic)
+    of_colour, of_depth = (camera_of(bag, stream.topic, notes) for stream in (colour, depth))
     found = of_colour or of_depth
     if found is None:
         return None

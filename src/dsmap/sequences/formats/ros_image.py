@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 
 from dsmap.errors import InputError
+from dsmap.sequences.formats.rvl import rvl_decoded
 
 DEPTH_ENCODINGS = {"16UC1": np.uint16, "mono16": np.uint16, "z16": np.uint16, "32FC1": np.float32}
 _COLOUR_CODES = {
@@ -99,17 +100,20 @@ def _compressed(message: Any, where: str) -> bytes | np.ndarray:
     data, format = bytes(message.data), message.format
     if "compressedDepth" not in format:
         return data
-    if "rvl" in format.lower():
-        raise InputError(
-            f"{where}: found depth compressed by RVL, expected PNG (compressed_depth_image_transport)"
-        )
     # compressed_depth_image_transport: a header of 12 bytes (format, quantisation A, B), then a PNG.
     _, a, b = struct.unpack_from("<iff", data.ljust(12, b"\0"))
-    if not format.startswith("32FC1"):
+    if "rvl" in format.lower():
+        quantised = rvl_decoded(data[12:], where)
+    elif not format.startswith("32FC1"):
         return data[12:]
-    quantised = cv2.imdecode(np.frombuffer(data[12:], np.uint8), cv2.IMREAD_UNCHANGED) if data[12:] else None
+    else:
+        quantised = (
+            cv2.imdecode(np.frombuffer(data[12:], np.uint8), cv2.IMREAD_UNCHANGED) if data[12:] else None
+        )
     if quantised is None:
         raise InputError(f"{where}: found {len(data)} bytes that do not decode, expected compressed depth")
+    if not format.startswith("32FC1"):
+        return quantised
     depth = np.zeros(quantised.shape, np.float32)
     valid = quantised > 0
     depth[valid] = np.float32(a) / (quantised[valid].astype(np.float32) - np.float32(b))

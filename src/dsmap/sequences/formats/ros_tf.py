@@ -26,6 +26,11 @@ class _Link:
     times: list[float] = field(default_factory=list)
     poses: list[np.ndarray] = field(default_factory=list)
 
+    @property
+    def is_constant(self) -> bool:
+        """Whether it never moves: older programs repeat such links on /tf."""
+        return self.is_static or float(np.ptp(np.array(self.poses), axis=0).max()) < 1e-6
+
 
 class Frames:
     """The tree of frames of /tf and /tf_static."""
@@ -52,7 +57,7 @@ class Frames:
         chain = self._chain(frame)
         world = next((w for w in _WORLDS if w in chain), chain[-1])
         links = [self._links[name] for name in chain[: chain.index(world)]]
-        if all(link.is_static for link in links):
+        if all(link.is_constant for link in links):
             return recording
         times = np.array([entry.taken for entry in recording.entries])
         poses: list[np.ndarray | None] = [np.eye(4)] * len(times)
@@ -92,7 +97,7 @@ class Frames:
         chain, T = {frame.lstrip("/"): np.eye(4)}, np.eye(4)
         for name in self._chain(frame.lstrip("/"))[:-1]:
             link = self._links[name]
-            if not link.is_static and np.ptp(np.array(link.poses), axis=0).max() > 1e-6:
+            if not link.is_constant:
                 break
             T = pose_matrix(link.poses[0]) @ T
             chain[link.parent] = T
@@ -101,7 +106,7 @@ class Frames:
 
 def _at(link: _Link, times: np.ndarray) -> list[np.ndarray | None]:
     """T_parent_frame at some times."""
-    if link.is_static:
+    if link.is_constant:
         return [pose_matrix(link.poses[0])] * len(times)
     order = np.argsort(link.times, kind="stable")
     return poses_at(times, np.array(link.times)[order], np.array(link.poses)[order], _APART_S)

@@ -12,8 +12,9 @@ from dsmap.frame import Intrinsics
 from dsmap.sequences.associate import pose_matrix
 from dsmap.sequences.base import Recording
 from dsmap.sequences.calibration import Calibration
-from dsmap.sequences.formats.parts import IMAGE_SUFFIXES, Stamped, read_text, recording_by_stamp
+from dsmap.sequences.formats.parts import Stamped, read_text, recording_by_stamp
 from dsmap.sequences.formats.protocol import Options, Reader
+from dsmap.sequences.images import IMAGE_SUFFIXES
 
 _STEM = re.compile(r"\d+(?:\.\d+)?")
 _RATE = 30.0
@@ -101,10 +102,9 @@ def _matrix(storage: cv2.FileStorage, name: str, rows: int, columns: int) -> np.
     node = storage.getNode(name)
     if node.empty():
         return None
-    data = node.mat()
-    if data is None:  # a plain map of rows, cols and data, without OpenCV's type
-        values = node.getNode("data")
-        data = np.array([values.at(i).real() for i in range(values.size())])
+    values = node.getNode("data")  # a plain map of rows, cols and data, or with OpenCV's type
+    plain = node.getNode("dt").empty()
+    data = np.array([values.at(i).real() for i in range(values.size())]) if plain else node.mat()
     return np.array(data, np.float64).reshape(rows, columns) if np.size(data) else None
 
 
