@@ -97,6 +97,8 @@ class LabelConfig:
     """... or turned this much [deg]."""
     floor: float = 1e-3
     """Smallest probability of a class: one zero must not kill a class for good."""
+    smooth: float = 0.1
+    """Probabilities are averaged over the surface within this radius [m] before they are fused; 0: as they are."""
     temperature: float = 1.0
     """The posterior's log is divided by this; over-confident products want more than 1."""
 

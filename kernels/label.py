@@ -8,13 +8,13 @@ import warp as wp
 from dsmap.classes import NUM_CLASSES
 from dsmap.errors import InputError
 from dsmap.kernels.camera import Camera, surfel_at, to_transform
+from dsmap.kernels.label_smooth import vec14
 from dsmap.kernels.launch import Slice, first_surfel, launch_blocks, launch_rows
 from dsmap.kernels.types import NUM_EVIDENCE, SurfelMap
 
 Rule = Literal["bayes", "mean", "geometric"]
 """How observations combine: product (Eq. 5-6), arithmetic mean, or geometric mean of the probabilities."""
 
-vec14 = wp.types.vector(NUM_CLASSES, wp.float32)
 vec13 = wp.types.vector(NUM_EVIDENCE, wp.float32)
 _VOID_LIMIT = wp.constant(0.999)
 
@@ -170,11 +170,13 @@ def update_labels(
 
     depth [m], edge: the frame's maps, shapes (H, W).
     visible: blocks that may hold surfels in view (see `culling.Blocks`); None walks the whole map.
-    probabilities: float32, shape (h, w, 14), NumPy or Warp, any resolution of the whole image; sampled
-    bilinearly (log probabilities for bayes and geometric) at the pixel's centre.
+    probabilities: float32, shape (h, w, 14), NumPy or Warp, or vec14, shape (h, w), any resolution of the
+    whole image; sampled bilinearly (log probabilities for bayes and geometric) at the pixel's centre.
     Raises InputError for probabilities of another shape.
     """
     shape = tuple(probabilities.shape)
+    if getattr(probabilities, "dtype", None) == vec14:  # of `smooth_probabilities`
+        shape = (*shape, NUM_CLASSES)
     if len(shape) != 3 or shape[2] != NUM_CLASSES:
         raise InputError(f"class probabilities have the shape {shape}; expected (h, w, {NUM_CLASSES}).")
     m, device = surfels, surfels.device

@@ -226,6 +226,42 @@ def observation(camera, probabilities, y: int, x: int, rule: str, floor: float):
     return total / share if share >= 0.5 else None
 
 
+def smooth_probabilities(probabilities, camera, vertex, normal, radius) -> np.ndarray:
+    """Averages over a pixel and two rings of eight around it, by distance from its plane and bend of the normal."""
+    height, width = probabilities.shape[:2]
+
+    def surface(y, x):
+        at = int((y + 0.5) * vertex.shape[0] / height), int((x + 0.5) * vertex.shape[1] / width)
+        return vertex[at], normal[at]
+
+    def speaks(p):
+        return p[1:].sum() > 1e-6 and p[0] <= 0.999
+
+    out = probabilities.astype(np.float64)
+    for y in range(height):
+        for x in range(width):
+            (v, n), own = surface(y, x), probabilities[y, x]
+            if v[2] <= 0 or not n.any() or not speaks(own):
+                continue
+            reach = min(radius * camera.fx * width / camera.width / v[2], 12)
+            total, weights = own.astype(np.float64), 1.0
+            for ring in (1, 2):
+                for spoke in range(8):
+                    angle = (spoke + 0.5 * (ring - 1)) * np.pi / 4
+                    a = x + int(np.round(reach * ring / 2 * np.cos(angle)))
+                    b = y + int(np.round(reach * ring / 2 * np.sin(angle)))
+                    if not (0 <= a < width and 0 <= b < height) or not speaks(probabilities[b, a]):
+                        continue
+                    u, m = surface(b, a)
+                    if u[2] <= 0:
+                        continue
+                    off = (u - v) @ n / (0.015 + 0.002 * v[2] ** 2)
+                    w = np.exp(-0.5 * (off**2 + ((1 - n @ m) / 0.1) ** 2))
+                    total, weights = total + w * probabilities[b, a], weights + w
+            out[y, x] = total / weights
+    return out
+
+
 def update_labels(
     s, camera, T, depth, edge, probabilities, *, rule="bayes", floor=1e-3, max_distance=0.05, t_min=0
 ):

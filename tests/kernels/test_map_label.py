@@ -12,16 +12,6 @@ from dsmap.kernels.label import posterior, update_labels
 CAMERA = random_scene.CAMERA
 
 
-def softmax_image(seed: int, h: int, w: int) -> np.ndarray:
-    """Random probabilities, shape (h, w, 14), some pixels void, zero or NaN."""
-    rng = np.random.default_rng(seed)
-    p = rng.dirichlet(np.full(14, 0.3), (h, w)).astype(np.float32)
-    p[rng.random((h, w)) < 0.05] = np.eye(14, dtype=np.float32)[0]
-    p[rng.random((h, w)) < 0.05] = 0
-    p[rng.random((h, w)) < 0.02] = np.nan
-    return p
-
-
 def one_pixel(values: dict[int, float]) -> np.ndarray:
     """A constant probability image of one pixel."""
     p = np.zeros((1, 1, 14), np.float32)
@@ -45,7 +35,7 @@ def visible_map():
 def test_update_equals_its_twin(rule, size):
     T, frame = random_scene.pose(1), random_scene.frame_arrays(1)
     maps, surfels = random_scene.frame_maps(frame), random_scene.surfel_map(T, count=800, seed=1)
-    p = softmax_image(0, *size)
+    p = random_scene.softmax_image(0, *size)
     options = {"rule": rule, "floor": 0.01, "max_distance": 0.02, "t_min": 8}
     before = reference_map.arrays(surfels)
     expected = reference_map.update_labels(before, CAMERA, T, frame["depth"], frame["edge"], p, **options)
@@ -125,7 +115,7 @@ def test_temperature_flattens_and_ranges_are_slices():
 
 def test_warp_probabilities_and_a_wrong_shape():
     T, surfels, maps = visible_map()
-    p = softmax_image(3, 12, 16)
+    p = random_scene.softmax_image(3, 12, 16)
     update_labels(surfels, CAMERA, T, maps.depth, maps.edge, p)
     by_numpy = surfels.numpy()["evidence"].copy()
     _, surfels, _ = visible_map()
