@@ -78,7 +78,8 @@ class Integrator:
             )
         update_labels(
             self.views.surfels, self._camera, T_world_camera, maps.depth, maps.edge, observed,
-            rule=labels.rule, floor=labels.floor, max_distance=surfels.max_ray_distance,
+            rule=labels.rule, floor=labels.floor,
+            sureness=0.0 if labels.rule == "bayes" else labels.sureness, max_distance=surfels.max_ray_distance,
             max_distance_z2=surfels.ray_distance_z2, t_min=t_active, visible=self.visible,
         )  # fmt: skip
         return True
