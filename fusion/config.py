@@ -97,6 +97,10 @@ class LabelConfig:
     """... or turned this much [deg]."""
     floor: float = 1e-3
     """Smallest probability of a class: one zero must not kill a class for good."""
+    smooth: float = 0.1
+    """Probabilities are averaged over the surface within this radius [m] before they are fused; 0: as they are."""
+    sureness: float = 2.0
+    """An observation of entropy H weighs (1 - H / log 13) to this power; 0: all alike, as always with bayes (Eq. 5)."""
     temperature: float = 1.0
     """The posterior's log is divided by this; over-confident products want more than 1."""
 

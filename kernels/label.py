@@ -8,15 +8,17 @@ import warp as wp
 from dsmap.classes import NUM_CLASSES
 from dsmap.errors import InputError
 from dsmap.kernels.camera import Camera, surfel_at, to_transform
+from dsmap.kernels.label_smooth import vec14
 from dsmap.kernels.launch import Slice, first_surfel, launch_blocks, launch_rows
 from dsmap.kernels.types import NUM_EVIDENCE, SurfelMap
 
 Rule = Literal["bayes", "mean", "geometric"]
 """How observations combine: product (Eq. 5-6), arithmetic mean, or geometric mean of the probabilities."""
 
-vec14 = wp.types.vector(NUM_CLASSES, wp.float32)
 vec13 = wp.types.vector(NUM_EVIDENCE, wp.float32)
 _VOID_LIMIT = wp.constant(0.999)
+_MOST_ENTROPY = wp.constant(2.5649494)  # log 13
+_LEAST_SURE = wp.constant(0.02)
 
 
 @wp.struct
@@ -33,9 +35,10 @@ def _prepare(
     s: Slice,
     floor: float,
     use_log: int,
+    sureness: float,
     probabilities: wp.array2d(dtype=vec14),
     observed: wp.array2d(dtype=vec13),
-    valid: wp.array2d(dtype=wp.uint8),
+    weight_of: wp.array2d(dtype=wp.float32),
 ):
     row, lane = wp.tid()
     y = s.first + s.stride * row
@@ -45,24 +48,30 @@ def _prepare(
         for k in range(1, 14):
             total += p[k]
         q = vec13()
-        ok = wp.uint8(0)
+        sure = float(0.0)
         # The comparisons are written so that NaN is no observation.
         if total > 1.0e-6 and p[0] <= _VOID_LIMIT:
-            ok = wp.uint8(1)
             per_total = 1.0 / total
+            entropy = float(0.0)
             for k in range(13):
                 q[k] = p[k + 1] * per_total
+                entropy -= q[k] * wp.log(wp.max(q[k], 1.0e-9))
                 if use_log == 1:
                     q[k] = wp.log(wp.max(q[k], floor))
+            sure = wp.pow(wp.max(1.0 - entropy / _MOST_ENTROPY, _LEAST_SURE), sureness)
         observed[y, x] = q
-        valid[y, x] = ok
+        weight_of[y, x] = sure
 
 
 @wp.func
 def _sample(
-    camera: Camera, x: int, y: int, observed: wp.array2d(dtype=vec13), valid: wp.array2d(dtype=wp.uint8)
-) -> tuple[vec13, float]:
-    """What a pixel observes, bilinear over the valid neighbours, and their share of the whole weight."""
+    camera: Camera,
+    x: int,
+    y: int,
+    observed: wp.array2d(dtype=vec13),
+    weight_of: wp.array2d(dtype=wp.float32),
+) -> tuple[vec13, float, float]:
+    """What a pixel observes times its weight, that weight, and the valid neighbours' share; bilinear over these."""
     width = observed.shape[1]
     height = observed.shape[0]
     # Both images show the same view, with integer pixel centres; the border repeats.
@@ -70,22 +79,22 @@ def _sample(
     b = wp.clamp((float(y) + 0.5) * float(height) / float(camera.height) - 0.5, 0.0, float(height - 1))
     x0 = int(a)
     y0 = int(b)
-    x1 = wp.min(x0 + 1, width - 1)
-    y1 = wp.min(y0 + 1, height - 1)
     a = a - float(x0)
     b = b - float(y0)
-    s00 = (1.0 - a) * (1.0 - b) * float(valid[y0, x0])
-    s01 = a * (1.0 - b) * float(valid[y0, x1])
-    s10 = (1.0 - a) * b * float(valid[y1, x0])
-    s11 = a * b * float(valid[y1, x1])
-    share = s00 + s01 + s10 + s11
+    e = vec13()
+    weight = float(0.0)
+    share = float(0.0)
+    for k in range(4):
+        xk = wp.min(x0 + k % 2, width - 1)
+        yk = wp.min(y0 + k / 2, height - 1)
+        s = (a if k % 2 == 1 else 1.0 - a) * (b if k / 2 == 1 else 1.0 - b)
+        sure = weight_of[yk, xk]
+        if sure > 0.0 and s > 0.0:
+            e += (s * sure) * observed[yk, xk]
+            weight += s * sure
+            share += s
     per_share = 1.0 / wp.max(share, 1.0e-6)
-    e = (s00 * per_share) * observed[y0, x0]
-    if share > s00:
-        e += (s01 * per_share) * observed[y0, x1]
-        e += (s10 * per_share) * observed[y1, x0]
-        e += (s11 * per_share) * observed[y1, x1]
-    return e, share
+    return per_share * e, per_share * weight, share
 
 
 @wp.kernel(enable_backward=False)
@@ -99,7 +108,7 @@ def _observe(
     depth: wp.array2d(dtype=wp.float32),
     edge: wp.array2d(dtype=wp.uint8),
     observed: wp.array2d(dtype=vec13),
-    valid: wp.array2d(dtype=wp.uint8),
+    weight_of: wp.array2d(dtype=wp.float32),
     position: wp.array(dtype=wp.vec3),
     weight: wp.array(dtype=wp.float32),
     t_updated: wp.array(dtype=wp.int32),
@@ -119,7 +128,7 @@ def _observe(
             continue
         if wp.abs(p[2] - d) >= wp.max(gate.max_distance, gate.max_distance_z2 * d * d):
             continue
-        e, share = _sample(camera, x, y, observed, valid)
+        e, sure, share = _sample(camera, x, y, observed, weight_of)
         if share < 0.5:
             continue
         # Eq. 5-6 in log space: log p(l | K_1..t) = log p(l | K_t) + log p(l | K_1..t-1) - log Z.
@@ -135,7 +144,7 @@ def _observe(
             for k in range(13):
                 e[k] = e[k] - top
         evidence[i] = e
-        observations[i] = observations[i] + 1.0
+        observations[i] = observations[i] + sure
         label[i] = wp.uint8(best + 1)
 
 
@@ -154,6 +163,7 @@ def update_labels(
     *,
     rule: Rule = "bayes",
     floor: float = 1e-3,
+    sureness: float = 0.0,
     max_distance: float = 0.05,
     max_distance_z2: float = 0.0,
     t_min: int = 0,
@@ -166,15 +176,18 @@ def update_labels(
     renormalised without void; pixels that are void (> 0.999), NaN or all zero say nothing.
     bayes, geometric: evidence += log max(p, floor) (Eq. 5-6 in log space; the floor keeps one zero from
     killing a class), up to a constant that makes each row's maximum 0. mean: evidence += p.
-    The label becomes the class of most evidence, observations grow by 1.
+    Each observation weighs (1 - H / log 13)^sureness for its entropy H, at least 0.02^sureness; 0: all weigh 1. The
+    label becomes the class of most evidence, observations grow by the weight.
 
     depth [m], edge: the frame's maps, shapes (H, W).
     visible: blocks that may hold surfels in view (see `culling.Blocks`); None walks the whole map.
-    probabilities: float32, shape (h, w, 14), NumPy or Warp, any resolution of the whole image; sampled
-    bilinearly (log probabilities for bayes and geometric) at the pixel's centre.
+    probabilities: float32, shape (h, w, 14), NumPy or Warp, or vec14, shape (h, w), any resolution of the
+    whole image; sampled bilinearly (log probabilities for bayes and geometric) at the pixel's centre.
     Raises InputError for probabilities of another shape.
     """
     shape = tuple(probabilities.shape)
+    if getattr(probabilities, "dtype", None) == vec14:  # of `smooth_probabilities`
+        shape = (*shape, NUM_CLASSES)
     if len(shape) != 3 or shape[2] != NUM_CLASSES:
         raise InputError(f"class probabilities have the shape {shape}; expected (h, w, {NUM_CLASSES}).")
     m, device = surfels, surfels.device
@@ -183,14 +196,15 @@ def update_labels(
         source = np.ascontiguousarray(source, dtype=np.float32)
     rows = wp.array(source, dtype=vec14, device=device, copy=False)
     observed = wp.empty(shape[:2], dtype=vec13, device=device)
-    valid = wp.empty(shape[:2], dtype=wp.uint8, device=device)
+    weight_of = wp.empty(shape[:2], dtype=wp.float32, device=device)
     use_log = int(rule != "mean")
-    launch_rows(_prepare, shape[0], shape[1], [floor, use_log, rows], [observed, valid], device)
+    inputs: list[Any] = [floor, use_log, float(sureness), rows]
+    launch_rows(_prepare, shape[0], shape[1], inputs, [observed, weight_of], device)
 
     gate = Gate()
     gate.max_distance, gate.max_distance_z2, gate.t_min = max_distance, max_distance_z2, t_min
     T_camera_world = to_transform(np.linalg.inv(T_world_camera))
-    inputs = [camera, T_camera_world, gate, use_log, depth, edge, observed, valid]
+    inputs = [camera, T_camera_world, gate, use_log, depth, edge, observed, weight_of]
     inputs += [m.position, m.weight, m.t_updated]
     outputs = [_rows_as_vectors(m.evidence), m.observations, m.label]
     launch_blocks(_observe, visible, m.count, inputs, outputs, device)
@@ -210,11 +224,12 @@ def posterior(
         surfels.evidence[rows].numpy() if rows.stop > rows.start else np.zeros((0, NUM_EVIDENCE), np.float32)
     )
     n = surfels.observations.numpy()[rows, None] if rows.stop > rows.start else evidence[:, :1]
+    per_n = np.where(n > 0, n, 1.0)
     if rule == "mean":
         with np.errstate(divide="ignore"):
-            log_p = np.log(np.where(n > 0, evidence, 1.0) / np.maximum(n, 1.0))
+            log_p = np.log(np.where(n > 0, evidence / per_n, 1.0))
     else:
-        log_p = evidence / np.maximum(n, 1.0) if rule == "geometric" else evidence
+        log_p = evidence / per_n if rule == "geometric" else evidence
     log_p = (log_p - log_p.max(axis=1, keepdims=True)) / np.float32(temperature)
     p = np.exp(log_p, dtype=np.float32)
     return p / p.sum(axis=1, keepdims=True)

@@ -1,5 +1,7 @@
 """Taking a frame into the map: associate, fuse, clean up, write labels."""
 
+from typing import Any
+
 import numpy as np
 import warp as wp
 
@@ -9,6 +11,7 @@ from dsmap.kernels.associate import associate
 from dsmap.kernels.compact import Compaction
 from dsmap.kernels.fuse import fuse_frame
 from dsmap.kernels.label import update_labels
+from dsmap.kernels.label_smooth import smooth_probabilities
 from dsmap.kernels.prune import prune
 from dsmap.kernels.types import FrameMaps
 
@@ -68,9 +71,15 @@ class Integrator:
         if probabilities is None:
             return False
         labels, surfels = self.config.labels, self.config.surfels
+        observed: Any = probabilities
+        if labels.smooth > 0:
+            observed = smooth_probabilities(
+                probabilities, self._camera, maps.vertex, maps.normal, radius=labels.smooth
+            )
         update_labels(
-            self.views.surfels, self._camera, T_world_camera, maps.depth, maps.edge, probabilities,
-            rule=labels.rule, floor=labels.floor, max_distance=surfels.max_ray_distance,
+            self.views.surfels, self._camera, T_world_camera, maps.depth, maps.edge, observed,
+            rule=labels.rule, floor=labels.floor,
+            sureness=0.0 if labels.rule == "bayes" else labels.sureness, max_distance=surfels.max_ray_distance,
             max_distance_z2=surfels.ray_distance_z2, t_min=t_active, visible=self.visible,
         )  # fmt: skip
         return True

@@ -81,7 +81,7 @@ def test_labels_survive_corruption(rule):
     p, depth = surfels["position"], surfels["position"][:, 2]
     row = np.rint(INTRINSICS.fy * p[:, 1] / depth + INTRINSICS.cy)
     expected = np.where(row < 40, WALL, FLOOR)
-    seen = surfels["observations"] >= 10
+    seen = (surfels["observations"] > 0) & (surfels["t_updated"] - surfels["t_created"] >= 9)
     assert seen.mean() > 0.5
     assert (surfels["label"][seen] == expected[seen]).mean() > 0.97
     probabilities = mapper.probabilities()

@@ -87,3 +87,13 @@ def surfel_map(T_world_camera: np.ndarray, count: int = 3000, seed: int = 0, cap
     for name, value in surfels.numpy().items():
         value[:] = values[name]
     return surfels
+
+
+def softmax_image(seed: int, h: int, w: int) -> np.ndarray:
+    """Random probabilities, shape (h, w, 14), some pixels void, zero or NaN."""
+    rng = np.random.default_rng(seed)
+    p = rng.dirichlet(np.full(14, 0.3), (h, w)).astype(np.float32)
+    p[rng.random((h, w)) < 0.05] = np.eye(14, dtype=np.float32)[0]
+    p[rng.random((h, w)) < 0.05] = 0
+    p[rng.random((h, w)) < 0.02] = np.nan
+    return p

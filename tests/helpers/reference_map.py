@@ -208,12 +208,12 @@ def prune(s, camera, T, depth, edge, match, *, time, stable_weight=10.0, max_uns
     return weight
 
 
-def observation(camera, probabilities, y: int, x: int, rule: str, floor: float):
-    """Evidence that a pixel gives its surfel: bilinear in (log) probabilities; None where it says nothing."""
+def observation(camera, probabilities, y: int, x: int, rule: str, floor: float, sureness: float):
+    """Evidence that a pixel gives its surfel and its weight: bilinear in (log) probabilities; None: says nothing."""
     h, w = probabilities.shape[:2]
     a = np.clip((x + 0.5) * w / camera.width - 0.5, 0, w - 1)
     b = np.clip((y + 0.5) * h / camera.height - 0.5, 0, h - 1)
-    total, share = np.zeros(13), 0.0
+    total, share, sure = np.zeros(13), 0.0, 0.0
     for yy in range(int(b), min(int(b) + 2, h)):
         for xx in range(int(a), min(int(a) + 2, w)):
             weight = max(1 - abs(a - xx), 0) * max(1 - abs(b - yy), 0)
@@ -221,13 +221,62 @@ def observation(camera, probabilities, y: int, x: int, rule: str, floor: float):
             if weight == 0 or not p[0] <= 0.999 or not p[1:].sum() > 1e-6:
                 continue
             q = p[1:] / p[1:].sum()
-            total += weight * (q if rule == "mean" else np.log(np.maximum(q, floor)))
-            share += weight
-    return total / share if share >= 0.5 else None
+            entropy = -(q * np.log(np.maximum(q, 1e-9))).sum()
+            own = weight * max(1 - entropy / np.log(13), 0.02) ** sureness
+            total += own * (q if rule == "mean" else np.log(np.maximum(q, floor)))
+            share, sure = share + weight, sure + own
+    return (total / share, sure / share) if share >= 0.5 else None
+
+
+def smooth_probabilities(probabilities, camera, vertex, normal, radius) -> np.ndarray:
+    """Averages over a pixel and two rings of eight around it, by distance from its plane and bend of the normal."""
+    height, width = probabilities.shape[:2]
+
+    def surface(y, x):
+        at = int((y + 0.5) * vertex.shape[0] / height), int((x + 0.5) * vertex.shape[1] / width)
+        return vertex[at], normal[at]
+
+    def speaks(p):
+        return p[1:].sum() > 1e-6 and p[0] <= 0.999
+
+    out = probabilities.astype(np.float64)
+    for y in range(height):
+        for x in range(width):
+            (v, n), own = surface(y, x), probabilities[y, x]
+            if v[2] <= 0 or not n.any() or not speaks(own):
+                continue
+            reach = min(radius * camera.fx * width / camera.width / v[2], 12)
+            total, weights = own.astype(np.float64), 1.0
+            for ring in (1, 2):
+                for spoke in range(8):
+                    angle = (spoke + 0.5 * (ring - 1)) * np.pi / 4
+                    a = x + int(np.round(reach * ring / 2 * np.cos(angle)))
+                    b = y + int(np.round(reach * ring / 2 * np.sin(angle)))
+                    if not (0 <= a < width and 0 <= b < height) or not speaks(probabilities[b, a]):
+                        continue
+                    u, m = surface(b, a)
+                    if u[2] <= 0:
+                        continue
+                    off = (u - v) @ n / (0.015 + 0.002 * v[2] ** 2)
+                    w = np.exp(-0.5 * (off**2 + ((1 - n @ m) / 0.1) ** 2))
+                    total, weights = total + w * probabilities[b, a], weights + w
+            out[y, x] = total / weights
+    return out
 
 
 def update_labels(
-    s, camera, T, depth, edge, probabilities, *, rule="bayes", floor=1e-3, max_distance=0.05, t_min=0
+    s,
+    camera,
+    T,
+    depth,
+    edge,
+    probabilities,
+    *,
+    rule="bayes",
+    floor=1e-3,
+    sureness=0.0,
+    max_distance=0.05,
+    t_min=0,
 ):
     """The surfels after label fusion; evidence of bayes and geometric with its row maximum at 0."""
     position, _ = into_camera(T, s)
@@ -238,12 +287,12 @@ def update_labels(
             continue
         if abs(p[2] - depth[at]) >= max_distance:
             continue
-        seen = observation(camera, probabilities, *at, rule, floor)
+        seen = observation(camera, probabilities, *at, rule, floor, sureness)
         if seen is None:
             continue
-        s["evidence"][i] += seen
+        s["evidence"][i] += seen[0]
         if rule != "mean":
             s["evidence"][i] -= s["evidence"][i].max()
-        s["observations"][i] += 1
+        s["observations"][i] += seen[1]
         s["label"][i] = s["evidence"][i].argmax() + 1
     return s

@@ -12,16 +12,6 @@ from dsmap.kernels.label import posterior, update_labels
 CAMERA = random_scene.CAMERA
 
 
-def softmax_image(seed: int, h: int, w: int) -> np.ndarray:
-    """Random probabilities, shape (h, w, 14), some pixels void, zero or NaN."""
-    rng = np.random.default_rng(seed)
-    p = rng.dirichlet(np.full(14, 0.3), (h, w)).astype(np.float32)
-    p[rng.random((h, w)) < 0.05] = np.eye(14, dtype=np.float32)[0]
-    p[rng.random((h, w)) < 0.05] = 0
-    p[rng.random((h, w)) < 0.02] = np.nan
-    return p
-
-
 def one_pixel(values: dict[int, float]) -> np.ndarray:
     """A constant probability image of one pixel."""
     p = np.zeros((1, 1, 14), np.float32)
@@ -41,12 +31,12 @@ def visible_map():
 
 
 @pytest.mark.parametrize("rule", ["bayes", "mean", "geometric"])
-@pytest.mark.parametrize("size", [(48, 64), (14, 20), (60, 100)])
-def test_update_equals_its_twin(rule, size):
+@pytest.mark.parametrize("size, sureness", [((48, 64), 0.0), ((14, 20), 2.0), ((60, 100), 1.5)])
+def test_update_equals_its_twin(rule, size, sureness):
     T, frame = random_scene.pose(1), random_scene.frame_arrays(1)
     maps, surfels = random_scene.frame_maps(frame), random_scene.surfel_map(T, count=800, seed=1)
-    p = softmax_image(0, *size)
-    options = {"rule": rule, "floor": 0.01, "max_distance": 0.02, "t_min": 8}
+    p = random_scene.softmax_image(0, *size)
+    options = {"rule": rule, "floor": 0.01, "sureness": sureness, "max_distance": 0.02, "t_min": 8}
     before = reference_map.arrays(surfels)
     expected = reference_map.update_labels(before, CAMERA, T, frame["depth"], frame["edge"], p, **options)
     update_labels(surfels, CAMERA, T, maps.depth, maps.edge, p, **options)
@@ -75,6 +65,18 @@ def test_two_observations_multiply_under_bayes_and_average_under_the_means():
         np.testing.assert_allclose(found[~seen], 1 / 13, rtol=1e-5)
         assert (surfels.numpy()["label"][seen] == answer.argmax() + 1).all()
         assert (surfels.numpy()["label"][~seen] == 0).all()
+
+
+@pytest.mark.parametrize("rule", ["mean", "geometric"])
+def test_a_sure_view_outweighs_several_that_guess(rule):
+    T, surfels, maps = visible_map()
+    guess = {k: 0.06 for k in range(1, 14)} | {3: 0.28}
+    for p in [one_pixel(guess)] * 4 + [one_pixel({8: 0.96, 3: 0.04})]:
+        update_labels(surfels, CAMERA, T, maps.depth, maps.edge, p, rule=rule, sureness=2.0)
+    s = surfels.numpy()
+    seen = s["observations"] > 0
+    assert (s["label"][seen] == 8).all() and (s["observations"][seen] < 1.1).all()
+    np.testing.assert_allclose(posterior(surfels, rule)[seen].sum(1), 1, rtol=1e-5)
 
 
 def test_void_is_left_out_and_a_void_pixel_says_nothing():
@@ -125,7 +127,7 @@ def test_temperature_flattens_and_ranges_are_slices():
 
 def test_warp_probabilities_and_a_wrong_shape():
     T, surfels, maps = visible_map()
-    p = softmax_image(3, 12, 16)
+    p = random_scene.softmax_image(3, 12, 16)
     update_labels(surfels, CAMERA, T, maps.depth, maps.edge, p)
     by_numpy = surfels.numpy()["evidence"].copy()
     _, surfels, _ = visible_map()
