@@ -33,6 +33,8 @@ class Run:
     """Frames of the recording that are behind us, skipped ones included."""
     skipped: list[tuple[int, str]] = field(default_factory=list)
     """Frames that could not be read: (index in the recording, reason)."""
+    first_lost: tuple[int, str] | None = None
+    """Index in the recording of the first frame that was not tracked, and why."""
     shown: list[tuple[int, StepResult]] = field(default_factory=list)
     """Position and result of the frames for the strip picture."""
     wall_s: float = 0.0
@@ -59,6 +61,8 @@ def run(state: Run, sequence: Sequence, checkpoint_every: int = 0) -> bool:
             # Reading is one frame ahead: what it skipped there is not behind us yet.
             passed = [(index, reason) for index, reason in rest.skipped if index < frame.index]
             state.done, state.skipped = position + 1, earlier + passed
+            if not result.tracked and state.first_lost is None:
+                state.first_lost = (frame.index, result.reason)
             if position in positions:
                 state.shown.append((position, result))
             _progress(bar, state, len(sequence), result)

@@ -25,6 +25,7 @@ from dsmap.fusion.runs.read_run import Run, load_run
 from dsmap.fusion.segmenter import Segmenter
 from dsmap.sequences import open_sequence
 from dsmap.sequences.formats import Options
+from dsmap.sequences.pose_conventions import with_convention
 from dsmap.sequences.tum import is_tum
 from dsmap.tools.mapping.segmenters import SegmenterSpec, make_segmenter
 from dsmap.tools.support.parse import parse_intrinsics
@@ -96,6 +97,8 @@ def score_run(folder: Path, args: Args) -> dict[str, Any]:
         undistort=bool(settings.get("undistort", False)),
         options=Options(settings.get("color_topic"), settings.get("depth_topic")),
     )
+    if args.reference is None and settings.get("pose_convention"):
+        reference = with_convention(reference, settings["pose_convention"])
     segmenter = segmenter_of(run, args) if reference.has_labels else None
     return evaluate_run(run, reference, segmenter, args.max_frames, args.sfm)
 

@@ -10,12 +10,9 @@ from dsmap.errors import InputError
 from dsmap.sequences import Sequence, open_sequence
 from dsmap.sequences.associate import gaps
 from dsmap.sequences.formats import Options
+from dsmap.sequences.pose_conventions import fit_poses
+from dsmap.tools.support.depth_check import depth_warnings, sample_depth
 from dsmap.tools.support.parse import parse_intrinsics
-
-SAMPLES = 10
-"""Frames opened to measure the depth range."""
-PLAUSIBLE_DEPTH_M = (0.2, 10.0)
-"""A median depth outside this range most likely means a wrong depth scale."""
 
 
 @dataclass
@@ -43,7 +40,7 @@ def main(args: Args) -> None:
     width = max(len(name) for name, _ in rows)
     for name, text in rows:
         print(f"{name:<{width}}  {text}")
-    for warning in [*sequence.notes, *warnings(depth)]:
+    for warning in [*sequence.notes, *depth_warnings(depth), *_pose_warnings(sequence)]:
         print(f"warning: {warning}")
 
 
@@ -75,19 +72,6 @@ def describe(sequence: Sequence) -> list[tuple[str, str]]:
     ]
 
 
-def sample_depth(sequence: Sequence) -> np.ndarray | InputError:
-    """Valid depth [m] of frames spread over the sequence, shape (N,), or why there is none."""
-    values, failure = [], InputError(f"{sequence.path}: no frame with valid depth")
-    for i in np.unique(np.linspace(0, len(sequence) - 1, SAMPLES).astype(int)):
-        try:
-            depth = sequence.depth(int(i))
-        except InputError as error:
-            failure = error
-            continue
-        values.append(depth[depth > 0])
-    return np.concatenate(values) if values else failure
-
-
 def describe_depth(depth: np.ndarray | InputError) -> list[tuple[str, str]]:
     """Depth range of the sampled frames."""
     if isinstance(depth, InputError):
@@ -96,14 +80,7 @@ def describe_depth(depth: np.ndarray | InputError) -> list[tuple[str, str]]:
     return [("depth range", f"{low:.2f} to {high:.2f} m (1st to 99th percentile), median {median:.2f} m")]
 
 
-def warnings(depth: np.ndarray | InputError) -> list[str]:
-    """What is probably wrong with the depth."""
-    if isinstance(depth, InputError):
-        return [f"none of the sampled frames can be read: {depth}"]
-    median, (low, high) = float(np.median(depth)), PLAUSIBLE_DEPTH_M
-    if low <= median <= high:
-        return []
-    return [
-        f"the median depth is {median:.3g} m, expected {low:g} to {high:g} m: "
-        "the depth scale is probably wrong (--depth-scale)"
-    ]
+def _pose_warnings(sequence: Sequence) -> list[str]:
+    """What is probably wrong with the poses."""
+    fit = fit_poses(sequence) if sequence.has_poses else None
+    return [fit.sentence(sequence.path)] if fit is not None and fit.is_other else []

@@ -21,6 +21,8 @@ from dsmap.fusion.config import (
 from dsmap.fusion.runs.map_recording import INTERRUPTED, Run, run
 from dsmap.sequences import Sequence, open_sequence
 from dsmap.sequences.formats import Options
+from dsmap.sequences.pose_conventions import with_convention
+from dsmap.tools.mapping.checks import check_recording, verdict, without_partner
 from dsmap.tools.mapping.output import draw, report, write_run
 from dsmap.tools.mapping.start import claim_folder, default_args, segmenter_spec, start
 from dsmap.tools.support.parse import parse_intrinsics, parse_size
@@ -75,6 +77,9 @@ class Args:
     hangs upside down. A phone held upright is filmed with right or left."""
     poses: Literal["track", "given"] = "track"
     """Estimate the motion, or take the recording's poses."""
+    pose_convention: str | None = None
+    """How the recording's poses are written, if not camera-to-world in metres with x right, y down, z forward:
+    world-to-camera, opengl or ros (axes), wxyz, millimetres or centimetres; several joined by commas."""
     loops: Literal["on", "local", "global", "off"] | None = None
     """Close loops: all, only view against view, only by keyframes, none; default: loop.mode."""
     segmenter: str = "dsnet"
@@ -125,6 +130,7 @@ def main(args: Args) -> int:
     began = time.perf_counter()
     sequence, spec = open_recording(args), segmenter_spec(args)
     state = start(args, sequence, spec)
+    check_recording(args, sequence, state.mapper.config)
     if not args.resume:
         claim_folder(args.out, args.overwrite)
     announce(args, sequence, state)
@@ -134,7 +140,7 @@ def main(args: Args) -> int:
     if args.pictures:
         draw(args.out, state, sequence)
     report(state, args.out)
-    return INTERRUPTED if interrupted else 0
+    return INTERRUPTED if interrupted else verdict(state, sequence)
 
 
 def open_recording(args: Args) -> Sequence:
@@ -144,6 +150,8 @@ def open_recording(args: Args) -> Sequence:
         size=parse_size(args.size), start=args.start, stop=args.stop, stride=args.stride, undistort=args.undistort,
         options=Options(args.color_topic, args.depth_topic),
     )  # fmt: skip
+    if args.pose_convention is not None:
+        sequence = with_convention(sequence, args.pose_convention)
     if args.poses == "given" and not sequence.has_poses:
         raise InputError(
             f"{args.path}: --poses given, but the recording has no poses; expected a ground truth file"
@@ -160,8 +168,9 @@ def announce(args: Args, sequence: Sequence, state: Run) -> None:
     print(
         f"{sequence.layout} recording, {len(sequence)} frames, intrinsics from {sequence.intrinsics_source}"
     )
-    for note in sequence.notes:
-        print(f"note: {note}")
+    for note in [*sequence.notes, without_partner(sequence)]:
+        if note:
+            print(f"note: {note}")
     if args.resume:
         print(f"going on at frame {state.done} of {len(sequence)} with the parameters of {args.out}")
     elif args.localize_in is not None:

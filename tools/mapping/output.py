@@ -23,6 +23,7 @@ def write_run(args: Any, state: Run, sequence: Sequence, spec: SegmenterSpec) ->
             "size": [k.width, k.height], "undistort": args.undistort, "depth_scale": sequence.depth_scale,
             "intrinsics": {"fx": k.fx, "fy": k.fy, "cx": k.cx, "cy": k.cy, "width": k.width, "height": k.height},
             "intrinsics_source": sequence.intrinsics_source,
+            "pose_convention": args.pose_convention,
             "color_topic": args.color_topic, "depth_topic": args.depth_topic,
         },
         "config": args.config,

@@ -113,7 +113,7 @@ def check_size(path: Source, image: np.ndarray, width: int, height: int) -> None
     if image.shape[:2] != (height, width):
         raise InputError(
             f"{path}: found an image of {image.shape[1]}x{image.shape[0]}, expected {width}x{height} "
-            "as the calibration says"
+            "as the recording's camera has"
         )
 
 

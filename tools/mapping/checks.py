@@ -1,0 +1,83 @@
+"""What `dsmap map` looks at before it maps, and what it says where little came of it."""
+
+import sys
+import warnings
+from typing import Any
+
+from dsmap.errors import InputError, InputWarning
+from dsmap.fusion.config import MapConfig
+from dsmap.fusion.runs.map_recording import Run
+from dsmap.sequences import Sequence
+from dsmap.sequences.pose_conventions import fit_poses
+from dsmap.tools.support.depth_check import depth_warnings, sample_depth
+
+NO_MAP = 1
+"""Exit code of a run that mapped nothing."""
+_NEARLY_ALL = 0.7
+"""Share of frames that are lost or could not be read, from which it is said what to try."""
+_ADVICE = {
+    "too little depth": "try a larger --depth-max, the right --depth-scale, or a larger --size",
+    "no pose is given": "try --poses track",
+    "not found in the map": "begin where the saved map was filmed",
+}
+"""Part of a reason that a frame is lost for -> what to try."""
+_USUAL_ADVICE = (
+    "try --start to leave out a bad beginning, and check intrinsics and depth scale with `dsmap info`"
+)
+
+
+def check_recording(args: Any, sequence: Sequence, config: MapConfig) -> None:
+    """Warn of what will probably go wrong.
+
+    Raises:
+        InputError: poses are to be taken as given and are clearly in another convention.
+    """
+    for text in depth_warnings(sample_depth(sequence), (config.depth_min, config.depth_max)):
+        warnings.warn(text, InputWarning, stacklevel=2)
+    if args.poses == "given":
+        _check_poses(args, sequence)
+
+
+def without_partner(sequence: Sequence) -> str:
+    """How many images of the recording are of no use; empty where all are."""
+    recording, pairs = sequence.recording, len(sequence.recording.entries)
+    rgb, depth = recording.num_rgb - pairs, recording.num_depth - pairs
+    if rgb <= 0 and depth <= 0:
+        return ""
+    return f"{rgb} of {recording.num_rgb} colour and {depth} of {recording.num_depth} depth images have no partner"
+
+
+def verdict(state: Run, sequence: Sequence) -> int:
+    """Say what to try where little or nothing was mapped; returns the exit code."""
+    points = state.mapper.trajectory[state.mapper.first_frame :]
+    tracked = sum(point.tracked for point in points)
+    total = len(points) + max(len(sequence) - len(points), 0)
+    nothing = tracked == 0 or state.mapper.surfels.count == 0
+    if not nothing and total - tracked < _NEARLY_ALL * total:
+        return 0
+    index, reason = _first_lost(state, sequence)
+    what = "nothing was mapped" if nothing else f"only {tracked} of {total} frames were mapped"
+    # The second frame is lost for what the first one did to the map: advice goes by the reason alone.
+    advice = next((text for part, text in _ADVICE.items() if part in reason), _USUAL_ADVICE)
+    where = f": the first lost frame is {index} ({reason})" if reason else ""
+    print(f"dsmap map: {sequence.path}: {what}{where}; {advice}", file=sys.stderr)
+    return NO_MAP if nothing else 0
+
+
+def _first_lost(state: Run, sequence: Sequence) -> tuple[int, str]:
+    """Index in the recording and reason of the first frame that is not in the map."""
+    found = list(state.skipped[:1])
+    if state.first_lost is not None:
+        found.append(state.first_lost)
+    return min(found, default=(0, ""))
+
+
+def _check_poses(args: Any, sequence: Sequence) -> None:
+    fit = fit_poses(sequence)
+    if fit is None:
+        return
+    if fit.is_other and args.pose_convention is None:
+        raise InputError(fit.sentence(args.path))
+    if fit.is_other or fit.is_bad:
+        text = f"the given poses explain only {fit.given:.0%} of the depth of the first frames"
+        warnings.warn(f"{text}: the map will be wrong (--poses track, --pose-convention)", InputWarning, 2)
