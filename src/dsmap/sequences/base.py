@@ -19,6 +19,7 @@ from dsmap.sequences.images import (
     read_depth,
     read_ids,
     resize_colour,
+    resize_depth,
     resize_nearest,
 )
 from dsmap.sequences.registration import register_colour, register_depth
@@ -155,7 +156,7 @@ class Sequence:
             index=entry.index,
             time=entry.time,
             rgb=resize_colour(self._colour(entry, depth), *size),
-            depth=resize_nearest(depth, *size),
+            depth=resize_depth(depth, *size),
             T_world_camera=entry.T_world_camera,
             label=self._ids(entry.label, np.uint8),
             instance=self._ids(entry.instance, np.uint16),
@@ -178,7 +179,7 @@ class Sequence:
 
     def depth(self, i: int) -> np.ndarray:
         """Depth of frame `i` [m], float32, shape (H, W), without decoding its other images."""
-        return resize_nearest(self._depth(self.entries[i]), self.intrinsics.width, self.intrinsics.height)
+        return resize_depth(self._depth(self.entries[i]), self.intrinsics.width, self.intrinsics.height)
 
     def label(self, i: int) -> np.ndarray | None:
         """Ground-truth class ids of frame `i`, uint8, shape (H, W), without decoding its other images."""

@@ -9,6 +9,7 @@ import numpy as np
 
 from dsmap.errors import InputError
 from dsmap.frame import Intrinsics
+from dsmap.sequences.arrays import is_array, read_array
 
 IMAGE_SUFFIXES = (
     ".png",
@@ -58,21 +59,37 @@ def read_depth(path: Source, depth_scale: float) -> np.ndarray:
     """A depth image in metres, float32, shape (H, W), 0 where there is none.
 
     Args:
-        path: 16-bit (or 32-bit float) single-channel image.
+        path: single-channel image, TIFF, EXR or NumPy array of 16 bits or more, integers or floats.
         depth_scale: stored units per metre.
     """
     stored = _decode(path, cv2.IMREAD_UNCHANGED)
-    if stored.ndim != 2 or stored.dtype not in (np.uint16, np.float32):
+    if not is_depth(stored):
         channels = 1 if stored.ndim == 2 else stored.shape[2]
         raise InputError(
             f"{path}: found {channels} channel(s) of {stored.dtype}, expected a depth image of one channel, "
             "16-bit integers or 32-bit floats"
         )
+    stored = stored if stored.ndim == 2 else stored[..., 0]
     depth = stored.astype(np.float32) * np.float32(1.0 / depth_scale)
     if stored.dtype == np.uint16:
         depth[stored == SATURATED] = 0.0
         return depth
     return clean_depth(depth)
+
+
+def stored_depth(path: Source) -> np.ndarray | None:
+    """A depth image as stored, or None if it cannot be decoded."""
+    try:
+        return _decode(path, cv2.IMREAD_UNCHANGED)
+    except InputError:
+        return None
+
+
+def is_depth(stored: np.ndarray) -> bool:
+    """Whether decoded pixels may be depth: one channel (or a float one repeated) of more than 8 bits."""
+    if stored.ndim == 3 and stored.dtype.kind == "f":  # some programs store three equal channels
+        return bool(np.array_equal(stored, np.broadcast_to(stored[..., :1], stored.shape), equal_nan=True))
+    return stored.ndim == 2 and stored.dtype.kind in "iuf" and stored.dtype.itemsize >= 2
 
 
 def read_ids(path: Source) -> np.ndarray:
@@ -137,6 +154,39 @@ def resize_nearest(image: np.ndarray, width: int, height: int) -> np.ndarray:
     return np.ascontiguousarray(image[rows][:, columns])
 
 
+def resize_depth(depth: np.ndarray, width: int, height: int) -> np.ndarray:
+    """Depth at another size: the pixel under the centre of the new one, or the valid one nearest to it in its cell."""
+    resized = resize_nearest(depth, width, height)
+    if resized is depth or (width >= depth.shape[1] and height >= depth.shape[0]):
+        return resized
+    sources = [_source_pixels(n, of) for n, of in ((height, depth.shape[0]), (width, depth.shape[1]))]
+    y, x = np.nonzero(resized == 0)
+    for dy, dx in _offsets(depth.shape[0] / height, depth.shape[1] / width):
+        if not len(y):
+            break
+        rows, columns = sources[0][y] + dy, sources[1][x] + dx
+        inside = _in_cell(rows, y, height, depth.shape[0]) & _in_cell(columns, x, width, depth.shape[1])
+        values = np.where(inside, depth[np.where(inside, rows, 0), np.where(inside, columns, 0)], 0)
+        resized[y, x] = values
+        y, x = y[values == 0], x[values == 0]
+    return resized
+
+
+def _offsets(sy: float, sx: float) -> list[tuple[int, int]]:
+    """Steps from the pixel under the centre to the others that may lie in a cell of sy x sx pixels, nearest first.
+
+    Halves round up, so the pixel under the centre lies half a pixel past it in cells of an even size.
+    """
+    ry, rx = int(np.ceil(sy / 2)), int(np.ceil(sx / 2))
+    steps = [(dy, dx) for dy in range(-ry, ry + 1) for dx in range(-rx, rx + 1) if dy or dx]
+    return sorted(steps, key=lambda s: ((s[0] + 0.25) ** 2 + (s[1] + 0.25) ** 2, s))
+
+
+def _in_cell(index: np.ndarray, cell: np.ndarray, size: int, source_size: int) -> np.ndarray:
+    """Whether source pixels lie in a cell of the new grid."""
+    return (index >= 0) & (index < source_size) & ((2 * index + 1) * size // (2 * source_size) == cell)
+
+
 def _source_pixels(size: int, source_size: int) -> np.ndarray:
     centres = (np.arange(size) + 0.5) * (source_size / size) - 0.5
     return np.clip(np.floor(centres + 0.5).astype(np.int64), 0, source_size - 1)
@@ -174,6 +224,8 @@ def _decode(path: Source, flags: int) -> np.ndarray:
     data = path.load() if isinstance(path, Packed) else _read_bytes(path)
     if isinstance(data, np.ndarray):
         return np.ascontiguousarray(data[..., ::-1]) if data.ndim == 3 else data
+    if is_array(data):
+        return read_array(str(path), data)
     if not _is_whole(data):
         raise InputError(f"{path}: found {len(data)} bytes that end too early, expected a whole image file")
     image = cv2.imdecode(np.frombuffer(data, np.uint8), flags)

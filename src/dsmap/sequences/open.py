@@ -1,6 +1,9 @@
 """Opening a folder as a sequence: layout, calibration, choice of frames."""
 
+from dataclasses import replace
 from pathlib import Path
+
+import numpy as np
 
 from dsmap.errors import InputError
 from dsmap.sequences.base import Recording, Sequence
@@ -8,11 +11,13 @@ from dsmap.sequences.calibration import FILE, Calibration, known_default, read_c
 from dsmap.sequences.formats import OPTIONS, Options, find_reader
 from dsmap.sequences.formats.archive import is_archive, unpack
 from dsmap.sequences.found_calibration import check_assumed, find_calibration
-from dsmap.sequences.images import image_size
+from dsmap.sequences.images import image_size, is_depth, stored_depth
 from dsmap.sequences.redwood import is_redwood, read_redwood
 from dsmap.sequences.seven_scenes import is_seven_scenes, read_seven_scenes
 from dsmap.sequences.tum import is_tum, read_tum
 
+_ROOM_M = 30.0
+"""A larger median of depth is not in metres."""
 _LISTED = 5
 """Entries of a folder that an error message names."""
 
@@ -66,6 +71,9 @@ def open_sequence(
     if stored is None:
         stored = _stated_or_assumed(recording, found, intrinsics is not None)
     calibration = resolve(recording.layout, folder, found, stored, intrinsics, depth_scale)
+    samples = _depth_samples(recording)
+    if depth_scale is None and recording.calibration is None and calibration.source != FILE:
+        calibration = _in_metres(calibration, samples, recording.notes)
     return Sequence(recording, calibration, size, entries, undistort)
 
 
@@ -120,6 +128,40 @@ def _stated_or_assumed(recording: Recording, size: tuple[int, int], is_given: bo
     if found is None and not is_given:
         check_assumed(recording.layout, recording.path, size, recording.notes)
     return found
+
+
+def _depth_samples(recording: Recording) -> list[np.ndarray]:
+    """Depth images as stored: the first, the middle and the last that decode.
+
+    Raises:
+        InputError: all of them are of a kind that cannot be depth.
+    """
+    entries = recording.entries
+    images = [entries[i].depth for i in dict.fromkeys((0, len(entries) // 2, len(entries) - 1))]
+    found = [(image, stored) for image in images if (stored := stored_depth(image)) is not None]
+    if found and not any(is_depth(stored) for _, stored in found):
+        image, stored = found[0]
+        channels = 1 if stored.ndim == 2 else stored.shape[2]
+        raise InputError(
+            f"{image}: found {channels} channel(s) of {stored.dtype} here and in the other depth images, expected "
+            "depth of one channel and 16 bits or more; such images are drawings of depth"
+        )
+    return [stored for _, stored in found if is_depth(stored)]
+
+
+def _in_metres(calibration: Calibration, samples: list[np.ndarray], notes: list[str]) -> Calibration:
+    """The calibration for depth stored as floats, which are metres where they are as small as a room."""
+    floats = [stored for stored in samples if stored.dtype.kind == "f"]
+    valid = np.concatenate([f[np.isfinite(f) & (f > 0)].ravel() for f in floats]) if floats else np.empty(0)
+    if (
+        calibration.depth_scale == 1.0
+        or len(floats) < len(samples)
+        or not len(valid)
+        or np.median(valid) > _ROOM_M
+    ):
+        return calibration
+    notes.append("assumed: depth stored as floats is in metres; --depth-scale says otherwise")
+    return replace(calibration, depth_scale=1.0)
 
 
 def _slice(start: int, stop: int | None, stride: int) -> slice:

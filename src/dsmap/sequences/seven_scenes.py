@@ -8,14 +8,16 @@ import numpy as np
 from dsmap.errors import InputError
 from dsmap.frame import orthonormal
 from dsmap.sequences.base import Entry, Recording
+from dsmap.sequences.images import IMAGE_SUFFIXES
 
 FRAME_RATE = 30.0
 """7-Scenes and Redwood store no stamps; both were taken at 30 Hz."""
-_NAME = re.compile(r"frame-(\d+)\.(color|depth)\.(png|jpg|jpeg)$")
+_SUFFIXES = "|".join(suffix.lstrip(".") for suffix in IMAGE_SUFFIXES)
+_NAME = re.compile(rf"frame-(\d+)\.(color|depth)\.(?:{_SUFFIXES})$", re.IGNORECASE)
 
 
 def is_seven_scenes(folder: Path) -> bool:
-    return any(folder.glob("frame-*.depth.png"))
+    return any(_NAME.match(path.name) for path in folder.glob("frame-*.depth.*"))
 
 
 def read_seven_scenes(folder: Path) -> Recording:
@@ -27,7 +29,7 @@ def read_seven_scenes(folder: Path) -> Recording:
     found: dict[str, dict[int, Path]] = {"color": {}, "depth": {}}
     for path in sorted(folder.iterdir()):
         if match := _NAME.match(path.name):
-            found[match[2]][int(match[1])] = path
+            found[match[2].lower()].setdefault(int(match[1]), path)
     numbers = sorted(found["color"].keys() & found["depth"].keys())
     if not numbers:
         raise InputError(

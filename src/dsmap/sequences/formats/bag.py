@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from dsmap.errors import InputError
-from dsmap.sequences.formats.protocol import optional_library
+from dsmap.sequences.extra import optional_library
 
 _SUFFIXES = (".bag", ".db3", ".mcap")
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from dsmap.errors import InputError
-from dsmap.sequences.formats.protocol import optional_library
+from dsmap.sequences.extra import optional_library
 
 _READ_ON = 60
 """Frames that are decoded on the way to a later one before seeking is quicker."""

@@ -1,12 +1,9 @@
 """What a reader of a format is, and what all readers share."""
 
-import importlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from types import ModuleType
 
-from dsmap.errors import InputError
 from dsmap.sequences.base import Recording
 
 
@@ -33,18 +30,3 @@ class Reader:
     """Whether a path (file or folder) is of this format, by names and first bytes; quick, and never raises."""
     read: Callable[[Path, Options], Recording]
     """Lists the frames. Raises InputError: damaged, or without colour, depth or a common stamp."""
-
-
-def optional_library(name: str, path: Path, what: str) -> ModuleType:
-    """Import a library of the extra `recordings`.
-
-    Raises:
-        InputError: it is not installed; names the extra.
-    """
-    try:
-        return importlib.import_module(name)
-    except ImportError as error:
-        raise InputError(
-            f"{path}: reading {what} needs the package {name.split('.')[0]}, expected it installed: "
-            'pip install "dsmap[recordings]"'
-        ) from error

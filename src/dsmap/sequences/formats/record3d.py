@@ -12,8 +12,9 @@ from dsmap.frame import Intrinsics
 from dsmap.sequences.associate import pose_matrix
 from dsmap.sequences.base import Recording
 from dsmap.sequences.calibration import Calibration
+from dsmap.sequences.extra import optional_library
 from dsmap.sequences.formats.parts import OPENGL_AXES, confident, recording_by_number, two_cameras
-from dsmap.sequences.formats.protocol import Options, Reader, optional_library
+from dsmap.sequences.formats.protocol import Options, Reader
 from dsmap.sequences.images import Packed
 
 _MAX_PIXELS = 1 << 24

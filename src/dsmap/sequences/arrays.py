@@ -1,0 +1,65 @@
+"""Images stored as arrays: NumPy's .npy and .npz, and OpenEXR."""
+
+import io
+import tempfile
+import zipfile
+
+import numpy as np
+
+from dsmap.errors import InputError
+from dsmap.sequences.extra import optional_library
+
+_NUMPY = (b"\x93NUMPY", b"PK\x03\x04")
+_EXR = b"\x76\x2f\x31\x01"
+_DEPTH_CHANNELS = ("Z", "depth", "Y", "V", "R")
+"""Of EXR files, those first that are taken first."""
+
+
+def is_array(data: bytes) -> bool:
+    """Whether a file's bytes are such an array."""
+    return data.startswith((*_NUMPY, _EXR))
+
+
+def read_array(where: str, data: bytes) -> np.ndarray:
+    """The array of a file's bytes, shape (H, W) or (H, W, channels).
+
+    Args:
+        where: the file, for messages.
+
+    Raises:
+        InputError: the file is damaged, or holds nothing of the shape of an image.
+    """
+    if data.startswith(_EXR):
+        return _exr(where, data)
+    try:
+        loaded = np.load(io.BytesIO(data), allow_pickle=False)
+        if isinstance(loaded, np.ndarray):
+            arrays = [loaded]
+        else:
+            arrays = [loaded[name] for name in sorted(loaded.files, key=lambda name: name != "depth")]
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile, KeyError) as error:
+        raise InputError(
+            f"{where}: found an array that does not decode ({error}), expected a whole file"
+        ) from error
+    found = next((a.squeeze() for a in arrays if a.squeeze().ndim in (2, 3) and a.dtype.kind in "iuf"), None)
+    if found is None:
+        raise InputError(f"{where}: found no array of the shape of an image, expected one of depth")
+    return found
+
+
+def _exr(where: str, data: bytes) -> np.ndarray:
+    library = optional_library("OpenEXR", where, "an EXR image")
+    try:
+        with tempfile.NamedTemporaryFile(suffix=".exr") as file:  # the library opens files by name alone
+            file.write(data)
+            file.flush()
+            with library.File(file.name, separate_channels=True) as opened:
+                channels = {name: np.array(c.pixels) for name, c in opened.channels().items()}
+    except Exception as error:  # whatever the library makes of damaged bytes
+        raise InputError(
+            f"{where}: found an EXR image that does not decode ({error}), expected a whole file"
+        ) from error
+    name = next((n for n in _DEPTH_CHANNELS if n in channels), next(iter(channels), None))
+    if name is None:
+        raise InputError(f"{where}: found no channel, expected one of depth")
+    return channels[name]
