@@ -14,7 +14,7 @@ from dsmap.classes import CLASS_NAMES
 from dsmap.dsnet.config import DeconvNetConfig, DSNetConfig, DSNetPConfig, NetConfig
 from dsmap.dsnet.networks.build import build
 from dsmap.errors import InputError
-from dsmap.files import atomic_path
+from dsmap.files import as_read_back, atomic_path
 
 SHIPPED = {name: Path(__file__).parent / "weights" / f"{name}.safetensors" for name in ("dsnet-p", "dsnet")}
 """Weights that come with dsmap; wherever a file is asked for, the name does."""
@@ -160,7 +160,7 @@ def load_state(model: torch.nn.Module, tensors: dict[str, Tensor], path: Path) -
 def record_of(config: NetConfig) -> dict:
     """The JSON form of a network's configuration."""
     kind = next(kind for kind, form in _KINDS.items() if isinstance(config, form))
-    record = json.loads(json.dumps(asdict(config)))  # tuples become lists, as they come back from a file
+    record = as_read_back(asdict(config))
     return record if kind == "dsnet" else {"kind": kind, **record}
 
 

@@ -68,7 +68,7 @@ def rotation_angle(T: np.ndarray) -> float:
     return float(np.arccos(np.clip((np.trace(T[:3, :3]) - 1) / 2, -1, 1)))
 
 
-def apart(T_a: np.ndarray, T_b: np.ndarray) -> tuple[float, float]:
+def pose_difference(T_a: np.ndarray, T_b: np.ndarray) -> tuple[float, float]:
     """How far two poses are apart: distance [m] and angle [deg]."""
     between = inverse(T_a) @ T_b
     return float(np.linalg.norm(between[:3, 3])), float(np.rad2deg(rotation_angle(between)))

@@ -64,7 +64,7 @@ def poses_of(trajectory: Sequence[TrajectoryPoint]) -> np.ndarray:
     return np.array([point.T_world_camera for point in trajectory], dtype=np.float64).reshape(-1, 4, 4)
 
 
-def way(poses: np.ndarray) -> float:
+def path_length(poses: np.ndarray) -> float:
     """Length [m] of a path of T_world_camera, shape (K, 4, 4); a radian of turning counts as TURN_M."""
     steps = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
     cosines = (np.einsum("kij,kij->k", poses[1:, :3, :3], poses[:-1, :3, :3]) - 1) / 2

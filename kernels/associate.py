@@ -15,7 +15,7 @@ _OTHER_NORMAL = wp.constant(1.0e6)
 
 
 @wp.struct
-class Gates:
+class AssociationGates:
     """What a surfel and a pixel may differ by."""
 
     along: wp.float32  # [m] along the pixel's ray,
@@ -47,7 +47,7 @@ def _claim(
     blocks: wp.array(dtype=wp.int32),
     camera: Camera,
     T_camera_world: wp.mat44,
-    gates: Gates,
+    gates: AssociationGates,
     position: wp.array(dtype=wp.vec3),
     normal: wp.array(dtype=wp.vec3),
     weight: wp.array(dtype=wp.float32),
@@ -108,7 +108,7 @@ def associate(
     but its normal differs (by less than 90 degrees): noise more often than another surface.
     visible: blocks that may hold surfels in view (see `culling.Blocks`); None walks the whole map.
     """
-    gates = Gates()
+    gates = AssociationGates()
     gates.along, gates.along_z2 = max_ray_distance, max_ray_distance_z2
     gates.cos_angle, gates.t_min = math.cos(max_angle), t_min
     T_camera_world = to_transform(np.linalg.inv(T_world_camera))

@@ -1,6 +1,7 @@
 """The command line: `dsmap <command> [options]`. One module a command, imported only when it is called."""
 
 import importlib
+import os
 import sys
 import warnings
 from typing import Any
@@ -75,6 +76,9 @@ COMMANDS: dict[str, tuple[str, str]] = {
 """Command name to (module, one line of help). Each module has `Args` (a dataclass) and `main(args)`, and may have
 `defaults(argv)`: an Args that stands for the flags not given."""
 
+PIPE_CLOSED = 141
+"""Exit code where the reader of a pipe has gone, as shells expect: 128 + SIGPIPE."""
+
 _PACKAGE_EXTRA = {
     "torch": "dsnet", "h5py": "dsnet", "PIL": "dsnet", "onnx": "dsnet", "onnxruntime": "dsnet",
     "mujoco": "sim", "mujoco_warp": "sim", "trimesh": "sim", "pyrender": "sim", "ray": "ray", "viser": "view",
@@ -82,15 +86,18 @@ _PACKAGE_EXTRA = {
 }  # fmt: skip
 
 
+USE = ("map", "info", "evaluate", "view", "render-scene", "train", "convert", "cut")
+"""Commands that the help lists first; all others serve to develop dsmap."""
+
+
 def usage() -> str:
     """The help text of `dsmap` alone."""
     width = max(map(len, COMMANDS))
-    lines = [f"  {name:<{width}}  {text}" for name, (_, text) in COMMANDS.items()]
-    return (
-        "usage: dsmap <command> [options]\n\n"
-        + "\n".join(lines)
-        + "\n\n`dsmap <command> --help` lists options."
-    )
+    groups = {"use": USE, "develop": [name for name in COMMANDS if name not in USE]}
+    lines = ["usage: dsmap <command> [options]"]
+    for title, names in groups.items():
+        lines += ["", f"{title}:", *(f"  {name:<{width}}  {COMMANDS[name][1]}" for name in names)]
+    return "\n".join([*lines, "", "`dsmap <command> --help` lists options."])
 
 
 def run(command: str, argv: list[str]) -> int:
@@ -130,7 +137,19 @@ def print_input_warnings() -> None:
 
 
 def main() -> None:
-    """Entry point of the `dsmap` program."""
+    """Entry point of the `dsmap` program; ends quietly where nobody reads its output any more (`dsmap ... | head`)."""
+    try:
+        try:
+            _main()
+        finally:
+            sys.stdout.flush()
+    except BrokenPipeError:
+        # What is still buffered would be written, and fail once more, when Python ends.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(PIPE_CLOSED)
+
+
+def _main() -> None:
     print_input_warnings()
     argv = sys.argv[1:]
     if not argv or argv[0] in ("-h", "--help"):

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from dsmap.errors import InputError
-from dsmap.files import atomic_path
+from dsmap.files import as_read_back, atomic_path, write_json
 
 Report = Callable[[str], None]
 """Takes a line for people."""
@@ -36,7 +36,7 @@ def run_cells(cells: Sequence[Cell], out: Path, report: Report = print) -> dict[
     results = {}
     for number, cell in enumerate(cells, 1):
         file = out / cell.name / "cell.json"
-        settings = json.loads(json.dumps(cell.settings))  # tuples become lists, as they come back from a file
+        settings = as_read_back(cell.settings)
         if file.exists():
             stored = read_json(file)
             if stored.get("settings") != settings:
@@ -72,12 +72,6 @@ def read_json(file: Path) -> dict:
         raise InputError(
             f"{file}: cannot be read ({error}), expected JSON; delete it to compute it again"
         ) from error
-
-
-def write_json(file: Path, content: dict) -> None:
-    """Write a JSON file whole or not at all."""
-    with atomic_path(file) as temporary:
-        temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
 
 
 def write_table(out: Path, columns: Sequence[str], rows: Sequence[Sequence[object]]) -> str:

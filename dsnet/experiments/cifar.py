@@ -12,10 +12,11 @@ import numpy as np
 from dsmap.dsnet.checkpoint import record_of
 from dsmap.dsnet.config import ClassifierConfig, DeconvNetConfig, DSNetConfig
 from dsmap.dsnet.datasets.cifar import CIFAR_CLASSES, ClassifiedImages, folds, load_cifar10
-from dsmap.dsnet.experiments.cells import Cell, Report, run_cells, write_json, write_table
+from dsmap.dsnet.experiments.cells import Cell, Report, run_cells, write_table
 from dsmap.dsnet.experiments.plots import plot_curves
 from dsmap.dsnet.training.classify import ClassifyConfig, train_classifier
 from dsmap.errors import InputError
+from dsmap.files import write_json
 
 FOLDS = 10
 """One of them is held back: 10 % of the images."""

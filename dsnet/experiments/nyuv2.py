@@ -12,12 +12,13 @@ from dsmap.dsnet.config import AugmentConfig, DSNetConfig, NetConfig, TrainConfi
 from dsmap.dsnet.data import LabelledImages
 from dsmap.dsnet.datasets.base import Example, Item, LabelledSet
 from dsmap.dsnet.datasets.registry import open_set
-from dsmap.dsnet.experiments.cells import Cell, Report, run_cells, write_json, write_table
+from dsmap.dsnet.experiments.cells import Cell, Report, run_cells, write_table
 from dsmap.dsnet.experiments.plots import plot_bars, plot_curves
 from dsmap.dsnet.experiments.segment import SCORE_COLUMNS, Run, score_row, training_cell
 from dsmap.dsnet.inference.predict import load_segmenter
 from dsmap.dsnet.scoring.measure import score
 from dsmap.errors import InputError
+from dsmap.files import write_json
 from dsmap.sequences.images import resize_nearest
 
 SIZE = (320, 240)

@@ -14,10 +14,11 @@ from dsmap.dsnet.config import (
     TrainConfig,
 )
 from dsmap.dsnet.datasets.base import VOC_CLASS_NAMES
-from dsmap.dsnet.experiments.cells import Report, run_cells, write_json, write_table
+from dsmap.dsnet.experiments.cells import Report, run_cells, write_table
 from dsmap.dsnet.experiments.plots import plot_bars
 from dsmap.dsnet.experiments.segment import SCORE_COLUMNS, Run, loadable, score_row, training_cell
 from dsmap.dsnet.experiments.voc_view import voc_view
+from dsmap.files import write_json
 
 PAPER_TABLE2 = {
     "L3K8": 78.8, "L3K16": 79.5, "L3K32": 78.3, "L4K8": 82.1, "L4K16": 83.2, "L4K32": 81.6,

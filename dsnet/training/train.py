@@ -4,7 +4,6 @@ So a run that was killed and resumed ends with the same weights as one that was 
 thread count), and a checkpoint needs no state of random generators.
 """
 
-import json
 import math
 import os
 import time
@@ -32,6 +31,7 @@ from dsmap.dsnet.training.sample_stream import AugmentedStream
 from dsmap.dsnet.training.state import State, load_checkpoint, new_state, save_checkpoint
 from dsmap.dsnet.training.validate import averaged_model, finish, validate, weights_info
 from dsmap.errors import InputError
+from dsmap.files import as_read_back
 
 
 def train(
@@ -121,7 +121,7 @@ def run_record(
     }
     if teacher is not None:
         run["teacher"] = str(teacher)
-    return json.loads(json.dumps(run))  # tuples become lists, as they come back from a file
+    return as_read_back(run)
 
 
 def start(

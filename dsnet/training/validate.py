@@ -1,7 +1,6 @@
 """Validation of a training: averaged weights with fresh statistics, scored, kept if they are the best, calibrated."""
 
 import copy
-import json
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +18,7 @@ from dsmap.dsnet.training.log import Log
 from dsmap.dsnet.training.model_card import model_card
 from dsmap.dsnet.training.sample_stream import AugmentedStream
 from dsmap.dsnet.training.state import State
-from dsmap.files import atomic_path
+from dsmap.files import atomic_path, write_json
 
 BN_IMAGES = 256
 """Training images that the batch norms of averaged weights are measured on."""
@@ -77,8 +76,7 @@ def validate(
         state.best = scores["miou"]
         info.notes = {"validation": record}
         save_weights(out / "best.safetensors", model, info)
-    with atomic_path(out / "history.json") as temporary:
-        temporary.write_text(json.dumps(state.history, indent=1))
+    write_json(out / "history.json", state.history)
 
 
 def finish(out: Path, data: LabelledImages, run: dict, device: str) -> dict:

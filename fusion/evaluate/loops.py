@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from dsmap.errors import InputError
-from dsmap.fusion.lie import apart, inverse
+from dsmap.fusion.lie import inverse, pose_difference
 from dsmap.fusion.runs.read_run import Run
 from dsmap.sequences import Sequence
 
@@ -79,6 +79,6 @@ def _judged(run: Run, loop: dict[str, Any], true: dict[int, np.ndarray]) -> dict
     judged = {"kind": loop.get("kind"), "frame": source, "frame_destination": destination}
     if source not in true or destination not in true:
         return judged | {"distance_m": None, "angle_deg": None, "wrong": None}
-    distance, angle = apart(inverse(true[destination]) @ true[source], T_destination_frame)
+    distance, angle = pose_difference(inverse(true[destination]) @ true[source], T_destination_frame)
     wrong = not (distance <= MAX_DISTANCE and angle <= MAX_ANGLE_DEG)  # NaN is wrong too
     return judged | {"distance_m": distance, "angle_deg": angle, "wrong": wrong}

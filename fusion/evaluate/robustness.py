@@ -11,7 +11,7 @@ from itertools import pairwise
 import numpy as np
 
 from dsmap.frame import Frame
-from dsmap.fusion.lie import apart, inverse
+from dsmap.fusion.lie import inverse, pose_difference
 from dsmap.fusion.mapper import Mapper
 
 WRONG_M, WRONG_DEG = 0.05, 3.0
@@ -82,9 +82,9 @@ def score_trial(
     """
     T_true_estimated = true[0] @ inverse(estimated[0])
     distance, angle = np.array(
-        [apart(a, T_true_estimated @ b) for a, b in zip(true, estimated, strict=True)]
+        [pose_difference(a, T_true_estimated @ b) for a, b in zip(true, estimated, strict=True)]
     ).T
-    moved, turned = np.array([apart(a, b) for a, b in pairwise(true)]).reshape(-1, 2).T
+    moved, turned = np.array([pose_difference(a, b) for a, b in pairwise(true)]).reshape(-1, 2).T
     leaps = (moved > _LEAP_M) | (turned > _LEAP_DEG)
     believed, found = np.asarray(tracked, bool), np.asarray(relocalised, bool)
     wrong = believed & ((distance > WRONG_M) | (angle > WRONG_DEG))

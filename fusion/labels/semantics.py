@@ -7,7 +7,7 @@ import numpy as np
 from dsmap.classes import CLASS_NAMES, NUM_CLASSES, VOID
 from dsmap.frame import Frame
 from dsmap.fusion.config import LabelConfig
-from dsmap.fusion.lie import apart
+from dsmap.fusion.lie import pose_difference
 
 BLOB = 20
 """Size [px] of the blobs of wrong labels, at 640x480; scaled with the image's width."""
@@ -28,7 +28,7 @@ class Schedule:
         if self.config.every > 0:
             return (self.frames - 1) % self.config.every == 0
         if self.last is not None:
-            distance, angle = apart(self.last, T_world_camera)
+            distance, angle = pose_difference(self.last, T_world_camera)
             if distance < self.config.keyframe_distance and angle < self.config.keyframe_angle_deg:
                 return False
         self.last = T_world_camera.copy()

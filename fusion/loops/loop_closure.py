@@ -23,7 +23,7 @@ from dsmap.fusion.places.recovery import Recovery
 from dsmap.fusion.surfels.model import SurfelModel
 from dsmap.fusion.surfels.model_view import ModelView
 from dsmap.fusion.tracking.tracker import Health, Tracker
-from dsmap.fusion.trajectory import poses_of, way
+from dsmap.fusion.trajectory import path_length, poses_of
 from dsmap.kernels.deform import INFLUENCES
 
 _VGA_PIXELS = 640 * 480
@@ -192,7 +192,7 @@ class LoopCloser:
             return False
         pairs, frame_destination = found
         poses = poses_of(now.trajectory)
-        limit = self.loops.max_drift * way(poses[frame_destination:]) + _LEAST_DRIFT
+        limit = self.loops.max_drift * path_length(poses[frame_destination:]) + _LEAST_DRIFT
         if match.shift_m > limit:
             self.rejected = f"{match.shift_m * 100:.1f} cm of drift, at most {limit * 100:.1f} cm are likely"
             return False

@@ -3,7 +3,7 @@
 import numpy as np
 
 from dsmap.fusion.config import RelocaliseConfig
-from dsmap.fusion.lie import apart
+from dsmap.fusion.lie import pose_difference
 from dsmap.fusion.places.relocalise import Relocation
 
 _STEP_M, _STEP_DEG = 0.1, 10.0
@@ -43,5 +43,5 @@ class Sightings:
 
     def _follows(self, time: int, T_world_camera: np.ndarray) -> bool:
         before, T_before = self.seen[-1]
-        distance, angle = apart(T_before, T_world_camera)
+        distance, angle = pose_difference(T_before, T_world_camera)
         return time == before + 1 and distance < _STEP_M and angle < _STEP_DEG

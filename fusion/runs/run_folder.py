@@ -1,16 +1,14 @@
 """What a run leaves behind: the RUN folder of `dsmap map`, which Python users write with `save_run`."""
 
 import dataclasses
-import json
 import resource
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from dsmap.classes import write_classes
-from dsmap.files import atomic_path
+from dsmap.files import write_json
 from dsmap.fusion.loops.record import record_values
 from dsmap.fusion.mapper import Mapper
 from dsmap.fusion.runs.checkpoint import save_map
@@ -39,22 +37,10 @@ def save_run(
     points = _points(mapper)
     stamps = [point.time for point in points]
     write_trajectory(run_dir / "trajectory.txt", list(zip(stamps, at_colour_stamps(points), strict=True)))
-    write_json(run_dir / "loops.json", {"loops": _loops(mapper)})
+    write_json(run_dir / "loops.json", {"loops": _loops(mapper)}, indent=2)
     write_classes(run_dir / "classes.json")
     if checkpoint:
         save_map(mapper, run_dir / CHECKPOINT)
-
-
-def write_yaml(path: Path, values: Any) -> None:
-    """Write plain values as YAML; tuples become lists."""
-    with atomic_path(path) as temporary:
-        temporary.write_text(yaml.safe_dump(json.loads(json.dumps(values)), sort_keys=False))
-
-
-def write_json(path: Path, values: Any) -> None:
-    """Write plain values as indented JSON."""
-    with atomic_path(path) as temporary:
-        temporary.write_text(json.dumps(values, indent=2) + "\n")
 
 
 def config_values(mapper: Mapper) -> dict[str, Any]:

@@ -9,7 +9,7 @@ import warp as wp
 
 from dsmap.frame import Intrinsics
 from dsmap.fusion.config import MapConfig, TrackConfig
-from dsmap.fusion.lie import apart
+from dsmap.fusion.lie import pose_difference
 from dsmap.fusion.surfels.model_view import ModelView
 from dsmap.kernels.camera import make_camera
 from dsmap.kernels.culling import Blocks
@@ -32,7 +32,7 @@ def pyramid_cameras(intrinsics: Intrinsics, levels: int) -> list[Any]:
 
 def view_is_stale(config: TrackConfig, T_world_view: np.ndarray, T_world_camera: np.ndarray) -> bool:
     """Whether a camera is so far from where a view was predicted that it sees something else."""
-    distance, angle = apart(T_world_view, T_world_camera)
+    distance, angle = pose_difference(T_world_view, T_world_camera)
     return distance > config.predict_distance or angle > config.predict_angle_deg
 
 

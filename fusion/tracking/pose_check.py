@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from dsmap.fusion.config import MapConfig
-from dsmap.fusion.lie import apart, inverse
+from dsmap.fusion.lie import inverse, pose_difference
 from dsmap.fusion.surfels.views import Views
 from dsmap.fusion.tracking.agreement import agreement, reason_to_reject
 from dsmap.fusion.tracking.tracker import Health
@@ -75,5 +75,5 @@ class PoseCheck:
             return True
         before, last = (point.T_world_camera for point in trajectory[-2:])
         expected = last @ inverse(before) @ last if trajectory[-2].tracked else last
-        distance, angle = apart(expected, T_world_camera)
+        distance, angle = pose_difference(expected, T_world_camera)
         return distance > config.doubt_distance or angle > config.doubt_angle_deg

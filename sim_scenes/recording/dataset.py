@@ -19,7 +19,7 @@ import numpy as np
 
 from dsmap.classes import NUM_CLASSES
 from dsmap.errors import InputError
-from dsmap.files import atomic_path
+from dsmap.files import as_read_back, atomic_path
 from dsmap.sim_scenes.recording.record import RenderedFrame, RenderOptions, render_sequence
 from dsmap.sim_scenes.rooms.build import MIX
 
@@ -79,7 +79,7 @@ def unfinished(tasks: Iterable[Task]) -> list[Task]:
             raise InputError(
                 f"{file}: not readable ({error}); expected a scene that dsmap rendered"
             ) from error
-        wanted = json.loads(json.dumps(_lasting(task.options)))
+        wanted = as_read_back(_lasting(task.options))
         differ = sorted(k for k in wanted if found.get(k) != wanted[k])
         if differ:
             name = differ[0]

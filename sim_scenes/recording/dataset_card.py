@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from dsmap.classes import CLASS_NAMES, NUM_CLASSES
-from dsmap.files import atomic_path
+from dsmap.files import atomic_path, write_json
 from dsmap.sim_scenes.recording.dataset import SUMMARY, Task
 from dsmap.sim_scenes.recording.options import RenderOptions
 
@@ -39,9 +39,7 @@ def write_card(out: Path, tasks: Iterable[Task], command: str) -> np.ndarray:
                 }
             )
     pixels = np.array([scene["pixels"] for scene in scenes] or [[0] * NUM_CLASSES]).sum(0)
-    with atomic_path(out / "dataset.json") as file:
-        content = {"dsmap": version("dsmap"), "command": command, "scenes": scenes}
-        file.write_text(json.dumps(content, indent=1) + "\n")
+    write_json(out / "dataset.json", {"dsmap": version("dsmap"), "command": command, "scenes": scenes})
     with atomic_path(out / "CARD.md") as file:
         file.write_text(_text(scenes, pixels, command, next(iter(tasks)).options), encoding="utf-8")
     return pixels

@@ -1,7 +1,6 @@
 """Recording: a scene and a camera path become a sequence on disk, or a stream of frames in memory."""
 
 import contextlib
-import json
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -12,7 +11,7 @@ from queue import SimpleQueue
 
 import numpy as np
 
-from dsmap.files import atomic_path
+from dsmap.files import write_json
 from dsmap.sequences import SequenceWriter
 from dsmap.sequences.bodies import write_bodies
 from dsmap.sequences.mesh import LabelledMesh, write_mesh
@@ -186,6 +185,5 @@ def render_sequence(
             names, instances = [b.name for b in bodies], [b.instance for b in bodies]
             write_bodies(path, times, names, instances, take.T_world_body)
         record = {k: v for k, v in asdict(what).items() if k != "jobs"}
-        with atomic_path(Path(path) / "scene.json") as file:
-            file.write_text(json.dumps({"dsmap": version("dsmap"), "options": record}, indent=2) + "\n")
+        write_json(Path(path) / "scene.json", {"dsmap": version("dsmap"), "options": record}, indent=2)
     return Path(out)

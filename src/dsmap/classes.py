@@ -1,11 +1,10 @@
 """The 13 NYUv2 classes of Couprie et al. plus void (0), with names and colours."""
 
-import json
 from pathlib import Path
 
 import numpy as np
 
-from dsmap.files import atomic_path
+from dsmap.files import write_json
 
 VOID = 0
 """Unlabelled: ignored by the loss, never scored, the label of a surfel that was never observed."""
@@ -63,5 +62,4 @@ def as_records() -> list[dict]:
 
 def write_classes(path: Path | str) -> None:
     """Write `classes.json`: id, name and colour of every class."""
-    with atomic_path(path) as temporary:
-        temporary.write_text(json.dumps(as_records(), indent=1) + "\n", encoding="ascii")
+    write_json(path, as_records())

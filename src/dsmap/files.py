@@ -1,9 +1,14 @@
-"""Writing files so that a crash never leaves half of one behind."""
+"""Writing files so that a crash never leaves half of one behind; plain values as JSON and YAML."""
 
 import contextlib
+import json
 import os
 from collections.abc import Iterator
+from importlib.resources.abc import Traversable
 from pathlib import Path
+from typing import Any
+
+import yaml
 
 from dsmap.errors import InputError
 
@@ -34,6 +39,40 @@ def atomic_path(path: Path | str, durable: bool = False) -> Iterator[Path]:
     finally:
         with contextlib.suppress(OSError):  # a parent that is a file must not hide the error above
             temporary.unlink(missing_ok=True)
+
+
+def write_json(path: Path | str, values: Any, indent: int = 1) -> None:
+    """Write plain values as indented JSON."""
+    with atomic_path(path) as temporary:
+        temporary.write_text(json.dumps(values, indent=indent) + "\n", encoding="utf-8")
+
+
+def write_yaml(path: Path | str, values: Any) -> None:
+    """Write plain values as YAML, in their order; tuples become lists."""
+    with atomic_path(path) as temporary:
+        temporary.write_text(yaml.safe_dump(as_read_back(values), sort_keys=False))
+
+
+def as_read_back(values: Any) -> Any:
+    """Plain values as they come back from a file: tuples are lists."""
+    return json.loads(json.dumps(values))
+
+
+def read_yaml(file: Path | Traversable) -> dict[str, Any]:
+    """A YAML file of named values.
+
+    Raises:
+        InputError: it cannot be read, or it is something else.
+    """
+    try:
+        content = yaml.safe_load(file.read_text())
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise InputError(f"{file}: not readable as YAML ({str(error).splitlines()[0]})") from error
+    if content is None:
+        return {}
+    if not isinstance(content, dict):
+        raise InputError(f"{file}: found {type(content).__name__}; expected parameters by name")
+    return content
 
 
 def _umask() -> int:

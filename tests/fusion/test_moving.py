@@ -231,10 +231,10 @@ def test_what_moves_does_not_steer_the_camera(monkeypatch):
         assert max(moving) > 0.1
         return float(np.linalg.norm((poses - given)[30:, :3, 3], axis=1).mean())
 
-    apart = errors()
+    pose_difference = errors()
     monkeypatch.setattr("dsmap.fusion.locator.mask_depth", lambda maps, moving: maps)
     together = errors()
-    assert apart < 0.8 * together, (apart, together)
+    assert pose_difference < 0.8 * together, (pose_difference, together)
 
 
 def test_the_memory_can_be_saved_and_restored():

@@ -125,8 +125,18 @@ def test_the_program_explains_itself():
     text = usage()
     assert all(name in text for name in COMMANDS)
     program = [sys.executable, "-m", "dsmap.tools.cli"]
+    assert text.index("use:") < text.index("map ") < text.index("develop:") < text.index("bench ")
     unknown = subprocess.run([*program, "fly"], capture_output=True, text=True)
     assert unknown.returncode == 2 and "unknown command 'fly'" in unknown.stderr
+
+
+@pytest.mark.parametrize("words", [["--help"], ["map", "--help"]])
+def test_a_closed_pipe_ends_quietly(words):
+    program = [sys.executable, "-m", "dsmap.tools.cli", *words]
+    with subprocess.Popen(program, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None and process.stderr is not None
+        process.stdout.close()
+        assert process.stderr.read() == ""
 
 
 def test_the_example_of_the_guide_runs(recording, tmp_path, monkeypatch):

@@ -15,7 +15,7 @@ from typing import Any, Literal
 import tyro
 
 from dsmap.errors import InputError
-from dsmap.files import atomic_path
+from dsmap.files import write_json
 from dsmap.sequences import Sequence, open_sequence
 from dsmap.tools.support.bench_worker import Request
 from dsmap.tools.support.parse import parse_intrinsics, parse_size
@@ -74,8 +74,7 @@ def main(args: Args) -> int:
             print(f"run {turn + 1} of {args.runs}: {system} ...", file=sys.stderr, flush=True)
             results[system].append(run_worker(dataclasses.replace(request, system=system)))
     report = {"setup": setup(request, sequence), "runs": results, "summary": summarise(results)}
-    with atomic_path(args.out) as temporary:
-        temporary.write_text(json.dumps(report, indent=1) + "\n")
+    write_json(args.out, report)
     print(tables(report))
     print(f"written to {args.out}")
     return 0

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from dsmap.errors import InputError
-from dsmap.files import atomic_path
+from dsmap.files import write_json
 from dsmap.fusion.config import MapConfig
 from dsmap.tools.support.parse import parse_size
 
@@ -141,5 +141,4 @@ def _read(path: Path | None) -> dict[str, Any]:
 def _write(path: Path | None, rows: dict[str, Any]) -> None:
     if path is None:
         return
-    with atomic_path(path) as temporary:
-        Path(temporary).write_text(json.dumps(rows, indent=1) + "\n")
+    write_json(path, rows)

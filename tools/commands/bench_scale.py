@@ -4,7 +4,6 @@ The frames go through all maps in turn, so that whatever else the machine does f
 """
 
 import gc
-import json
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from dsmap.errors import InputError
-from dsmap.files import atomic_path
+from dsmap.files import write_json
 from dsmap.frame import Frame, Intrinsics
 from dsmap.fusion.config import MapConfig
 from dsmap.fusion.labels.semantics import GroundTruthSegmenter
@@ -58,8 +57,7 @@ def main(args: Args) -> int:
     if args.frames < 1:
         raise InputError(f"--frames is {args.frames}; expected at least 1")
     report = measure(counts, args.frames, parse_size(args.size) or (320, 240), args.device, args.walk)
-    with atomic_path(args.out) as temporary:
-        temporary.write_text(json.dumps(report, indent=1) + "\n")
+    write_json(args.out, report)
     print(table(report))
     print(f"written to {args.out}")
     return 0

@@ -6,9 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from dsmap.files import write_json, write_yaml
 from dsmap.fusion.labels.segment import segment_later
 from dsmap.fusion.runs.map_recording import Run
-from dsmap.fusion.runs.run_folder import config_values, save_run, statistics, write_json, write_yaml
+from dsmap.fusion.runs.run_folder import config_values, save_run, statistics
 from dsmap.sequences import Sequence
 from dsmap.tools.mapping.segmenters import SegmenterSpec
 
@@ -32,7 +33,7 @@ def write_run(args: Any, state: Run, sequence: Sequence, spec: SegmenterSpec) ->
         "segmenter": dataclasses.asdict(spec),
     }  # fmt: skip
     write_yaml(args.out / "config.yaml", values)
-    write_json(args.out / "stats.json", statistics(state.mapper, len(state.skipped), state.wall_s))
+    write_json(args.out / "stats.json", statistics(state.mapper, len(state.skipped), state.wall_s), indent=2)
     state.save(state)
 
 

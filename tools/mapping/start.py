@@ -5,10 +5,9 @@ import math
 from pathlib import Path
 from typing import Any, TypeVar
 
-import numpy as np
-
 from dsmap.config_file import fill
 from dsmap.errors import InputError
+from dsmap.files import as_read_back
 from dsmap.fusion.config import MapConfig
 from dsmap.fusion.mapper import Mapper
 from dsmap.fusion.runs.checkpoint import load_map, read_metadata, save_map
@@ -192,7 +191,7 @@ def _resume(args: Any, config: MapConfig, sequence: Sequence, segmenter: Segment
                 f"--{field.name.replace('_', '-')} is {ours}, but {args.out} was begun with {theirs}; expected the same"
             )
     camera = dataclasses.asdict(sequence.intrinsics)
-    if meta["intrinsics"] != plain_values(camera):
+    if meta["intrinsics"] != as_read_back(camera):
         raise InputError(
             f"{args.path}: another camera than that of {args.out}; expected the recording it was begun with"
         )
@@ -209,15 +208,6 @@ def _resume(args: Any, config: MapConfig, sequence: Sequence, segmenter: Segment
     for left in args.out.glob(".*.tmp*"):  # what a killed process was writing
         left.unlink()
     return state
-
-
-def plain_values(values: Any) -> Any:
-    """As JSON gives them back: tuples are lists."""
-    if isinstance(values, dict):
-        return {key: plain_values(value) for key, value in values.items()}
-    if isinstance(values, tuple | list):
-        return [plain_values(value) for value in values]
-    return values.item() if isinstance(values, np.generic) else values
 
 
 def _saved_config(path: Path) -> MapConfig:

@@ -12,7 +12,7 @@ from typing import Any, Literal, TypeVar
 
 from dsmap.config_file import fill
 from dsmap.errors import InputError
-from dsmap.tools.support.presets import read_yaml
+from dsmap.files import read_yaml
 
 T = TypeVar("T")
 

@@ -5,9 +5,8 @@ from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from dsmap.errors import InputError
+from dsmap.files import read_yaml
 
 EXTENDS = "extends"
 """Key of a configuration that starts from another one."""
@@ -38,23 +37,6 @@ def option(argv: list[str], flag: str) -> str | None:
         if word.startswith(flag + "="):
             return word.split("=", 1)[1]
     return None
-
-
-def read_yaml(file: Path | Traversable) -> dict[str, Any]:
-    """A YAML file of named values.
-
-    Raises:
-        InputError: it cannot be read, or it is something else.
-    """
-    try:
-        content = yaml.safe_load(file.read_text())
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise InputError(f"{file}: not readable as YAML ({str(error).splitlines()[0]})") from error
-    if content is None:
-        return {}
-    if not isinstance(content, dict):
-        raise InputError(f"{file}: found {type(content).__name__}; expected parameters by name")
-    return content
 
 
 def _folder() -> Traversable:

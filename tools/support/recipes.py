@@ -10,7 +10,8 @@ from string import Template
 from typing import Any
 
 from dsmap.errors import InputError
-from dsmap.tools.support.presets import merged, read_yaml
+from dsmap.files import read_yaml
+from dsmap.tools.support.presets import merged
 
 OPTIONS = ("about", "places", "stages")
 """Keys of a recipe that are no options of a stage."""

@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 
 from dsmap.errors import InputError
+from dsmap.frame import Intrinsics
 from dsmap.fusion.config import MapConfig
 from dsmap.fusion.evaluate.loops import evaluate_loops
+from dsmap.fusion.labels.gravity import MapGravity
 from dsmap.fusion.lie import exp_se3, inverse
 from dsmap.fusion.runs.read_run import Run
 from dsmap.kernels.types import SurfelMap
@@ -39,6 +41,7 @@ def run_with(loops) -> Run:
         times,
         poses,
         np.ones(FRAMES, bool),
+        MapGravity(Intrinsics(64, 48, 60.0, 60.0, 31.5, 23.5)),
         {},
         {},
         loops,
