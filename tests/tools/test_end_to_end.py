@@ -125,7 +125,7 @@ def test_the_program_explains_itself():
     text = usage()
     assert all(name in text for name in COMMANDS)
     program = [sys.executable, "-m", "dsmap.tools.cli"]
-    assert text.index("use:") < text.index("map ") < text.index("develop:") < text.index("bench ")
+    assert text.index("\nuse:") < text.index("  map ") < text.index("\ndevelop:") < text.index("  bench ")
     unknown = subprocess.run([*program, "fly"], capture_output=True, text=True)
     assert unknown.returncode == 2 and "unknown command 'fly'" in unknown.stderr
 
