@@ -54,6 +54,8 @@ def _read(path: Path, _options: Options) -> Recording:
         Calibration(camera_from(K, size), 1000.0, "intrinsics.txt") if K is not None and size else None
     )
     recording = recording_by_stamp("sun3d", path, colour, depth, calibration, notes, _APART_S)
+    # SUN3D takes a pair for one moment, that of the colour image: both stamps are those of their arrival.
+    recording = replace(recording, entries=[replace(e, depth_time=None) for e in recording.entries])
     poses = _extrinsics(path / "extrinsics")
     if not poses:
         return recording
