@@ -237,8 +237,9 @@ def _scale(content: dict) -> float | None:
         "scale",
     ):
         value = content.get(key)
-        if _is_number(value) and value > 0:
-            return float(value) if value >= 1 else round(1 / float(value), 6)
+        number = float(value) if _is_number(value) else 0.0  # type: ignore[arg-type]
+        if number > 0:
+            return number if number >= 1 else round(1 / number, 6)
     return None
 
 

@@ -52,18 +52,16 @@ def read_associations(path: Path, notes: list[str]) -> tuple[ImageList, ImageLis
     Raises:
         InputError: a line is not of this form, or it cannot be told which is the depth.
     """
-    columns: tuple[list[str], list[Path], list[str], list[Path]] = ([], [], [], [])
+    rows = []
     for line in _without_header(read_lines(path), notes, path):
         match = _FOUR.match(line.text)
         if match is None or not is_number(match[1]):
             raise InputError(f"{path}:{line.number}: found {line.text!r}, expected 'stamp file stamp file'")
-        for column, value in zip(
-            columns,
-            (match[1], _file(path.parent, match[2]), match[3], _file(path.parent, match[4])),
-            strict=True,
-        ):
-            column.append(value)  # type: ignore[arg-type]
-    first, second = (_image_list(path, columns[i], columns[i + 1], notes) for i in (0, 2))
+        rows.append((match[1], match[2], match[3], match[4]))
+    first, second = (
+        _image_list(path, [row[i] for row in rows], [_file(path.parent, row[i + 1]) for row in rows], notes)
+        for i in (0, 2)
+    )
     if not first.files:
         raise InputError(f"{path}: found no line, expected 'stamp file stamp file'")
     return (second, first) if looks_like_depth(first.files[0]) else (first, second)

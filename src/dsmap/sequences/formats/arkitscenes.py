@@ -26,7 +26,7 @@ def _detect(path: Path) -> bool:
     return (path / "lowres_wide").is_dir() and (path / "lowres_depth").is_dir()
 
 
-def _read(path: Path, _: Options) -> Recording:
+def _read(path: Path, _options: Options) -> Recording:
     colour, depth = _stamped(path / "lowres_wide"), _stamped(path / "lowres_depth")
     sure = path / "confidence"
     if sure.is_dir():
@@ -75,7 +75,8 @@ def _calibration(path: Path, notes: list[str]) -> Calibration | None:
     width, height, *values = np.median(table, axis=0)
     if np.ptp(table[:, 2]) > 0.002 * values[0]:
         notes.append("the focal length changes from frame to frame: its median is taken")
-    camera = Intrinsics(int(width), int(height), *(float(v) for v in values))
+    fx, fy, cx, cy = (float(v) for v in values)
+    camera = Intrinsics(int(width), int(height), fx, fy, cx, cy)
     first = next(iter((path / "lowres_depth").glob("*.png")), None)
     size = image_size(first) if first else None
     if size is None or size == (camera.width, camera.height):

@@ -54,7 +54,7 @@ def _detect(path: Path) -> bool:
         return file.read(4) == _BEGINS
 
 
-def _read(path: Path, _: Options) -> Recording:
+def _read(path: Path, _options: Options) -> Recording:
     film = Film(path)
     color, depth = _tracks(film)
     lenses = _lenses(film, color[1:], depth[1:])

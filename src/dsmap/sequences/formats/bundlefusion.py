@@ -20,7 +20,7 @@ def _detect(path: Path) -> bool:
     return path.is_dir() and any((path / name).is_file() for name in _FILES) and is_seven_scenes(path)
 
 
-def _read(path: Path, _: Options) -> Recording:
+def _read(path: Path, _options: Options) -> Recording:
     file = next(path / name for name in _FILES if (path / name).is_file())
     return replace(read_seven_scenes(path), layout="bundlefusion", calibration=read_info(file))
 

@@ -40,7 +40,7 @@ def _truth(path: Path) -> Path | None:
     return next(iter(sorted(path.glob("*.gt.freiburg"))), None)
 
 
-def _read(path: Path, _: Options) -> Recording:
+def _read(path: Path, _options: Options) -> Recording:
     if (path / "rgb").is_dir():
         return _compatible(path)
     colour = numbered(path, r"scene_\d+_(\d+)\.png")

@@ -25,7 +25,7 @@ def _detect(path: Path) -> bool:
     return path.suffix.lower() == ".klg" and path.is_file()
 
 
-def _read(path: Path, _: Options) -> Recording:
+def _read(path: Path, _options: Options) -> Recording:
     parts, notes = _index(path), list[str]()
     size = _size(path, parts)
     colour: dict[int, Source] = {}

@@ -28,7 +28,7 @@ def _detect(path: Path) -> bool:
         return b"depth_file_path" in opened.read()
 
 
-def _read(path: Path, _: Options) -> Recording:
+def _read(path: Path, _options: Options) -> Recording:
     try:
         content = json.loads(read_text(path / _FILE))
         frames = [frame for frame in content["frames"] if frame.get("depth_file_path")]

@@ -47,7 +47,7 @@ def _detect(path: Path) -> bool:
     return path.is_dir() and any(path.glob("d-*-*.pgm")) and any(path.glob("r-*-*.ppm"))
 
 
-def _read(path: Path, _: Options) -> Recording:
+def _read(path: Path, _options: Options) -> Recording:
     straight = Undistorter(_COLOUR), Undistorter(_DEPTH)
     found: dict[str, list[Stamped]] = {"r": [], "d": []}
     for file in path.iterdir():

@@ -26,7 +26,7 @@ def _detect(path: Path) -> bool:
     return path.suffix.lower() == ".r3d" and path.is_file()
 
 
-def _read(path: Path, _: Options) -> Recording:
+def _read(path: Path, _options: Options) -> Recording:
     optional_library("liblzfse", path, "Record3D's depth")
     names, metadata = _names(path), _metadata(path)
     found = {suffix: _numbers(names, suffix) for suffix in (".jpg", ".png", ".depth", ".conf")}

@@ -22,7 +22,7 @@ def _detect(path: Path) -> bool:
     return (path / "traj.txt").is_file() and any((path / "results").glob("depth*.png"))
 
 
-def _read(path: Path, _: Options) -> Recording:
+def _read(path: Path, _options: Options) -> Recording:
     colour = numbered(path / "results", r"(?:frame|rgb|color)_?(\d+)\.(?:jpg|jpeg|png)")
     depth = numbered(path / "results", r"depth_?(\d+)\.png")
     poses = _trajectory(path / "traj.txt")
@@ -54,9 +54,8 @@ def _calibration(path: Path, colour: dict[int, Path]) -> Calibration | None:
         if file.is_file():
             try:
                 c = json.loads(read_text(file))["camera"]
-                camera = Intrinsics(
-                    int(c["w"]), int(c["h"]), *(float(c[key]) for key in ("fx", "fy", "cx", "cy"))
-                )
+                fx, fy, cx, cy = (float(c[key]) for key in ("fx", "fy", "cx", "cy"))
+                camera = Intrinsics(int(c["w"]), int(c["h"]), fx, fy, cx, cy)
                 return Calibration(camera, float(c["scale"]), file.name)
             except (ValueError, KeyError, TypeError) as error:
                 raise InputError(

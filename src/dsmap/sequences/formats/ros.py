@@ -83,15 +83,18 @@ def read_streams(
                 "paired by when the images were recorded: their headers' stamps are of different clocks"
             )
             stamps = recorded
-    images = [
+    images, depth_images = (
         [Stamped(s.time, _packed(bag, stream.topic, s)) for s in found]
         for stream, found in zip((colour, depth), stamps, strict=True)
-    ]
-    return recording_by_stamp(layout, bag.path, *images, calibration, notes)
+    )
+    return recording_by_stamp(layout, bag.path, images, depth_images, calibration, notes)
 
 
 def _partners(stamps: list[list[Stamp]]) -> int:
-    return len(associate(*(np.sort([s.time for s in found]) for found in stamps))) if all(stamps) else 0
+    if not all(stamps):
+        return 0
+    first, second = (np.sort([s.time for s in found]) for found in stamps)
+    return len(associate(first, second))
 
 
 def _packed(bag: Bag, topic: Topic, stamp: Stamp) -> Packed:

@@ -37,7 +37,7 @@ def _folders(path: Path) -> tuple[Path, Path, Path] | None:
     return None
 
 
-def _read(path: Path, _: Options) -> Recording:
+def _read(path: Path, _options: Options) -> Recording:
     folders = _folders(path)
     if folders is None:
         raise InputError(f"{path}: found no rgb, depth and calib folders, expected RTAB-Map's export")

@@ -25,7 +25,7 @@ def _detect(path: Path) -> bool:
     )
 
 
-def _read(path: Path, _: Options) -> Recording:
+def _read(path: Path, _options: Options) -> Recording:
     colour, depth = numbered(path / "color", _IMAGE), numbered(path / "depth", _IMAGE)
     poses = {n: read_matrix(file) for n, file in numbered(path / "pose", r"(\d+)\.txt").items()}
     calibration = _calibration(path, colour, depth)

@@ -44,7 +44,7 @@ def _detect(path: Path) -> bool:
     return path.suffix.lower() == ".sens" and path.is_file()
 
 
-def _read(path: Path, _: Options) -> Recording:
+def _read(path: Path, _options: Options) -> Recording:
     header = _read_header(path)
     colour, depth, poses, times = {}, {}, {}, {}
     position, size = header.begin, path.stat().st_size

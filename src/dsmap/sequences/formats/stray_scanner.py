@@ -29,7 +29,7 @@ def _detect(path: Path) -> bool:
     return (path / _CAMERA).is_file() and (path / _FILM).is_file() and (path / "depth").is_dir()
 
 
-def _read(path: Path, _: Options) -> Recording:
+def _read(path: Path, _options: Options) -> Recording:
     film = Film(path / _FILM)
     if not film.streams:
         raise InputError(f"{path / _FILM}: found no pictures, expected a film")

@@ -34,7 +34,7 @@ def _detect(path: Path) -> bool:
     )
 
 
-def _read(path: Path, _: Options) -> Recording:
+def _read(path: Path, _options: Options) -> Recording:
     colour, depth = _stamped(path / "image"), _stamped(path / "depth")
     notes: list[str] = []
     if _is_turned(depth):
@@ -54,6 +54,8 @@ def _read(path: Path, _: Options) -> Recording:
         Calibration(camera_from(K, size), 1000.0, "intrinsics.txt") if K is not None and size else None
     )
     recording = recording_by_stamp("sun3d", path, colour, depth, calibration, notes, _APART_S)
+    # SUN3D takes a pair for one moment, that of the colour image: both stamps are those of their arrival.
+    recording = replace(recording, entries=[replace(e, depth_time=None) for e in recording.entries])
     poses = _extrinsics(path / "extrinsics")
     if not poses:
         return recording
@@ -83,7 +85,7 @@ def _is_turned(depth: list[Stamped]) -> bool:
     for stamped in depth[:: max(1, len(depth) // 3)]:
         stored = cv2.imread(str(stamped.image), cv2.IMREAD_UNCHANGED)
         if stored is not None and stored.dtype == np.uint16 and stored.any():
-            return bool((stored[stored > 0] & 7 == 0).mean() > 0.9)
+            return bool((stored[stored > 0].astype(np.int64) % 8 == 0).mean() > 0.9)
     return True
 
 
@@ -92,7 +94,7 @@ def _turned_back(path: Path) -> np.ndarray:
     stored = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
     if stored is None or stored.dtype != np.uint16 or stored.ndim != 2:
         raise InputError(f"{path}: found no 16-bit image of one channel, expected depth")
-    return (stored >> 3) | (stored << 13)
+    return np.right_shift(stored, 3) | np.left_shift(stored, 13)
 
 
 def _extrinsics(folder: Path) -> list[np.ndarray | None]:
