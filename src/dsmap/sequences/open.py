@@ -11,7 +11,7 @@ from dsmap.sequences.calibration import FILE, Calibration, known_default, read_c
 from dsmap.sequences.formats import OPTIONS, Options, find_reader
 from dsmap.sequences.formats.archive import is_archive, unpack
 from dsmap.sequences.found_calibration import check_assumed, find_calibration
-from dsmap.sequences.images import image_size, is_depth, stored_depth
+from dsmap.sequences.images import asks_to_be_turned, image_size, is_depth, stored_depth
 from dsmap.sequences.redwood import is_redwood, read_redwood
 from dsmap.sequences.seven_scenes import is_seven_scenes, read_seven_scenes
 from dsmap.sequences.tum import is_tum, read_tum
@@ -70,6 +70,10 @@ def open_sequence(
     found = _image_size(recording, stored)
     if stored is None:
         stored = _stated_or_assumed(recording, found, intrinsics is not None)
+    if asks_to_be_turned(recording.entries[0].rgb):
+        recording.notes.append(
+            "colour images ask to be turned (EXIF); their pixels are taken as stored, as depth's are"
+        )
     calibration = resolve(recording.layout, folder, found, stored, intrinsics, depth_scale)
     samples = _depth_samples(recording)
     if depth_scale is None and recording.calibration is None and calibration.source != FILE:
