@@ -24,7 +24,7 @@ def write_run(args: Any, state: Run, sequence: Sequence, spec: SegmenterSpec) ->
             "intrinsics": {"fx": k.fx, "fy": k.fy, "cx": k.cx, "cy": k.cy, "width": k.width, "height": k.height},
             "intrinsics_source": sequence.intrinsics_source,
             "pose_convention": args.pose_convention,
-            "color_topic": args.color_topic, "depth_topic": args.depth_topic,
+            "label_map": args.label_map, "color_topic": args.color_topic, "depth_topic": args.depth_topic,
         },
         "config": args.config,
         "localize_in": None if args.localize_in is None else str(args.localize_in),
