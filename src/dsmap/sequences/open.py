@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from dsmap.errors import InputError
-from dsmap.sequences.base import Recording, Sequence
+from dsmap.sequences.base import Entry, Recording, Sequence
 from dsmap.sequences.calibration import FILE, Calibration, known_default, read_calibration, resolve
 from dsmap.sequences.formats import OPTIONS, Options, find_reader
 from dsmap.sequences.formats.archive import is_archive, unpack
@@ -78,13 +78,7 @@ def open_sequence(
     if depth_scale is None and recording.calibration is None and calibration.source != FILE:
         calibration = _in_metres(calibration, samples, recording.notes)
     settle_labels(recording, load_label_map(label_map, folder), calibration.intrinsics)
-    entries = recording.entries[_slice(start, stop, stride)]
-    if not entries:
-        raise InputError(
-            f"{folder}: no frame between start {start} and stop {stop}, "
-            f"expected a part of 0..{len(recording.entries)}"
-        )
-    return Sequence(recording, calibration, size, entries, undistort)
+    return Sequence(recording, calibration, size, _chosen(recording, start, stop, stride), undistort)
 
 
 def read_recording(folder: Path, stored: Calibration | None = None, options: Options = OPTIONS) -> Recording:
@@ -172,6 +166,16 @@ def _in_metres(calibration: Calibration, samples: list[np.ndarray], notes: list[
         return calibration
     notes.append("assumed: depth stored as floats is in metres; --depth-scale says otherwise")
     return replace(calibration, depth_scale=1.0)
+
+
+def _chosen(recording: Recording, start: int, stop: int | None, stride: int) -> list[Entry]:
+    entries = recording.entries[_slice(start, stop, stride)]
+    if not entries:
+        raise InputError(
+            f"{recording.path}: no frame between start {start} and stop {stop}, "
+            f"expected a part of 0..{len(recording.entries)}"
+        )
+    return entries
 
 
 def _slice(start: int, stop: int | None, stride: int) -> slice:
