@@ -23,7 +23,7 @@ from dsmap.sequences import Sequence, open_sequence
 from dsmap.sequences.formats import Options
 from dsmap.sequences.pose_conventions import with_convention
 from dsmap.tools.mapping.checks import check_recording, verdict, without_partner
-from dsmap.tools.mapping.output import draw, report, write_run
+from dsmap.tools.mapping.output import draw, remove_pictures, report, write_run
 from dsmap.tools.mapping.start import claim_folder, default_args, segmenter_spec, start
 from dsmap.tools.support.parse import parse_intrinsics, parse_size
 
@@ -142,6 +142,8 @@ def main(args: Args) -> int:
     write_run(args, state, sequence, spec)
     if args.pictures:
         draw(args.out, state, sequence)
+    else:
+        remove_pictures(args.out)
     report(state, args.out)
     return INTERRUPTED if interrupted else verdict(state, sequence)
 
