@@ -34,7 +34,7 @@ ORDER = {
     ),
 }  # fmt: skip
 """Folders and files of a part, lowest first: each may import its own line and those before."""
-ROOT_PACKAGES = {"numpy", "cv2", "yaml", "scipy", "dsmap"} | sys.stdlib_module_names
+ROOT_PACKAGES = {"numpy", "cv2", "yaml", "scipy", "PIL", "dsmap"} | sys.stdlib_module_names
 HEAVY = ("torch", "OpenGL", "mujoco", "mujoco_warp", "open3d", "viser", "pyrender")
 
 

@@ -8,7 +8,9 @@ from typing import Any
 
 import tyro
 
+import dsmap
 from dsmap.errors import InputError, InputWarning
+from dsmap.tools.support.kernel_cache import make_kernel_cache_writable
 
 COMMANDS: dict[str, tuple[str, str]] = {
     "map": ("dsmap.tools.commands.map", "Map an RGB-D recording: trajectory, surfels, labels, pictures."),
@@ -155,9 +157,13 @@ def _main() -> None:
     if not argv or argv[0] in ("-h", "--help"):
         print(usage())
         sys.exit(0 if argv else 2)
+    if argv[0] in ("--version", "-V"):
+        print(f"dsmap {dsmap.__version__}")
+        sys.exit(0)
     if argv[0] not in COMMANDS:
         print(f"dsmap: unknown command {argv[0]!r}; expected one of: {', '.join(COMMANDS)}", file=sys.stderr)
         sys.exit(2)
+    make_kernel_cache_writable()
     sys.exit(run(argv[0], argv[1:]))
 
 

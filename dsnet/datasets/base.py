@@ -11,6 +11,7 @@ from dsmap.classes import CLASS_NAMES, VOID
 from dsmap.dsnet.datasets.geometry import DepthView
 from dsmap.errors import InputError
 from dsmap.sequences.images import read_colour, read_depth, resize_colour
+from dsmap.sequences.label_images import VOID_IDS, LabelMap
 
 VOC_CLASS_NAMES: tuple[str, ...] = (
     "void", "background", "aeroplane", "bicycle", "bird", "boat", "bottle", "bus", "car", "cat", "chair",
@@ -73,6 +74,8 @@ class FileItem:
     """Stored units per metre."""
     table: np.ndarray | None = field(default=None, compare=False)
     """Class of each stored id, uint8, shape (ids,); None: the stored ids are dsmap's classes."""
+    label_map: LabelMap | None = field(default=None, compare=False)
+    """How ids, names or colours of another label set become dsmap's classes; goes before `table`."""
     num_classes: int = len(CLASS_NAMES)
     same_size: bool = True
     """Whether colour must be of the label's size; otherwise it is resized to it, as depth is."""
@@ -84,7 +87,8 @@ class FileItem:
         return str(self.label)
 
     def read(self, with_geometry: bool = True) -> Example:
-        rgb, stored = read_colour(self.rgb), read_indices(self.label)
+        rgb = read_colour(self.rgb)
+        stored = self.label_map.read(self.label) if self.label_map else read_indices(self.label)
         if stored.shape != rgb.shape[:2]:
             if self.same_size:
                 raise InputError(
@@ -92,21 +96,26 @@ class FileItem:
                     f"expected {rgb.shape[1]}x{rgb.shape[0]} as {self.rgb.name}"
                 )
             rgb = resize_colour(rgb, stored.shape[1], stored.shape[0])
-        label = to_classes(stored, self.table, self.num_classes, str(self.label))
+        label = to_classes(stored, None if self.label_map else self.table, self.num_classes, str(self.label))
         if not with_geometry or self.depth is None or self.view is None:
             return Example(rgb, label)
         return Example(rgb, label, self.view.geometry(read_depth(self.depth, self.depth_scale), label.shape))
 
 
 def to_classes(stored: np.ndarray, table: np.ndarray | None, num_classes: int, name: str) -> np.ndarray:
-    """Class ids, uint8, of stored ids; `table` as in `FileItem`.
+    """Class ids, uint8, of stored ids; `table` as in `FileItem`. Without a table 255 and 65535 are void.
 
     Raises:
         InputError: an id is beyond the table, or a class beyond `num_classes`.
     """
+    if table is None:
+        stored = np.where(np.isin(stored, VOID_IDS), VOID, stored)
     limit = num_classes if table is None else len(table)
     if stored.size and stored.max() >= limit:
-        raise InputError(f"{name}: class id {stored.max()} found, expected 0..{limit - 1}")
+        raise InputError(
+            f"{name}: class id {stored.max()} found, expected 0..{limit - 1}; say which label set it is with "
+            "--label-map"
+        )
     return stored.astype(np.uint8) if table is None else table[stored]
 
 

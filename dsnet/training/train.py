@@ -50,6 +50,7 @@ def train(
     progress: bool = True,
     log: bool = False,
     notes: dict | None = None,
+    label_map: str | None = None,
 ) -> dict:
     """Train a network; `out` gets `best.safetensors` (calibrated), `model-card.md`, `checkpoint.safetensors`,
     `history.json`. Under torchrun, every process takes its share of each batch (see `ranks`).
@@ -63,6 +64,7 @@ def train(
         workers: processes that prepare images; 0: this one.
         log: write TensorBoard events to `out`/log, if the library is there.
         notes: what else the weights' header shall say (command, licence).
+        label_map: how the label images of both are read (see `open_set`).
 
     Returns:
         the record of the best validation: step, class_avg, miou, pixel_acc, temperature, ...
@@ -73,7 +75,7 @@ def train(
     keep_memory()
     with joined(device) as ranks:
         with_geometry = net.channels > 3 or teacher is not None
-        images, held_back = read_data(data, val, with_geometry, progress and ranks.first)
+        images, held_back = read_data(data, val, with_geometry, progress and ranks.first, label_map)
         net = replace(net, classes=len(images.class_names))
         run = run_record(net, augmentation, config, images, teacher)
         state = start(out, net, config, run, init, resume, ranks)
@@ -192,14 +194,14 @@ def earlier_stages(init: Path | None) -> list[dict]:
 
 
 def read_data(
-    data: Sequence[Path], val: Path, with_geometry: bool, progress: bool
+    data: Sequence[Path], val: Path, with_geometry: bool, progress: bool, label_map: str | None = None
 ) -> tuple[LabelledImages, LabelledImages]:
     """The images to train on and to validate with, all of them read once.
 
     Raises:
         InputError: damaged or missing data, other classes in one than in the other.
     """
-    parts = open_sets(data), open_set(val)
+    parts = open_sets(data, label_map), open_set(val, label_map)
     if parts[0].class_names != parts[1].class_names:
         raise InputError(f"{val}: its classes are not those of {data[0]}, expected the same classes")
     images, held_back = (

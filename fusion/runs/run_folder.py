@@ -24,7 +24,7 @@ WARM_UP = 5
 def save_run(
     mapper: Mapper, run_dir: Path | str, *, with_probabilities: bool = False, checkpoint: bool = True
 ) -> None:
-    """Write map.ply, labels.ply, trajectory.txt, loops.json, classes.json and checkpoint.safetensors.
+    """Write map.ply, labels.ply, trajectory.txt and its status, loops.json, classes.json, checkpoint.safetensors.
 
     Every file is whole or absent: each is written under a temporary name and renamed. Trajectory and loops
     are those of this recording; frames of an earlier one, whose map it started in, have negative numbers.
@@ -37,6 +37,7 @@ def save_run(
     points = _points(mapper)
     stamps = [point.time for point in points]
     write_trajectory(run_dir / "trajectory.txt", list(zip(stamps, at_colour_stamps(points), strict=True)))
+    _write_status(run_dir / "trajectory_status.txt", points)
     write_json(run_dir / "loops.json", {"loops": _loops(mapper)}, indent=2)
     write_classes(run_dir / "classes.json")
     if checkpoint:
@@ -84,6 +85,13 @@ def statistics(mapper: Mapper, skipped: int, wall_s: float) -> dict[str, Any]:
             "peak_rss_bytes": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024,
         },
     }
+
+
+def _write_status(path: Path, points: list[TrajectoryPoint]) -> None:
+    """A line for each of trajectory.txt: the pose of a lost frame is the last that was tracked."""
+    lines = [f"{point.time:.6f} {'tracked' if point.tracked else 'lost'}" for point in points]
+    with atomic_path(path) as file:
+        file.write_text("\n".join(["# timestamp tracked|lost", *lines]) + "\n")
 
 
 def _points(mapper: Mapper) -> list[TrajectoryPoint]:

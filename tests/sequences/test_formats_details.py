@@ -22,8 +22,8 @@ from dsmap.errors import InputError
 from dsmap.frame import Intrinsics
 from dsmap.sequences import open_sequence
 from dsmap.sequences.cut import cut_sequence
-from dsmap.sequences.formats import Options
 from dsmap.sequences.formats.nyu_raw import depth_of_disparity
+from dsmap.sequences.formats.protocol import Options
 
 SHOTS = shots()
 OTHER = Intrinsics(96, 72, 80.0, 81.0, 46.0, 34.0)

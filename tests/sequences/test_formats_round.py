@@ -12,7 +12,7 @@ from recording_shots import write_tum
 
 from dsmap.fusion.mapper import Mapper
 from dsmap.sequences import Sequence, open_sequence
-from dsmap.sequences.formats import READERS, find_reader
+from dsmap.sequences.formats.registry import READERS, find_reader
 
 
 @pytest.mark.parametrize("name", CASES)

@@ -24,7 +24,7 @@ NOT_COMPUTED = {
     *("path", "out", "config", "overwrite", "resume", "localize_in", "extend", "checkpoint_every"),
     *("device", "engine", "start", "stop", "pictures", "save_probabilities"),  # where and how much, not what
     *("weights", "label_noise", "label_noise_kind", "seed", "intrinsics", "depth_scale"),  # of one recording
-    *("color_topic", "depth_topic", "pose_convention"),  # of one recording, too
+    *("color_topic", "depth_topic", "pose_convention", "label_map"),  # of one recording, too
     *("loops", "label_fusion", "segment_every"),  # short for loop.mode, labels.rule, labels.every
 }
 

@@ -21,6 +21,9 @@ class Args:
     """New folder."""
     to: Literal["nyu40", "coco", "nerfstudio"]
     """nyu40 = label images with NYU40 ids; coco = COCO panoptic; nerfstudio = transforms.json with images and depth."""
+    label_map: str | None = None
+    """Which classes the recording's label images hold, if not the 13: nyu40, scannet, or a file of ids, names or
+    colours (docs/guide/labels.md)."""
     stride: int = 1
     """Every n-th frame."""
 
@@ -29,6 +32,6 @@ def main(args: Args) -> None:
     """Convert and say what was written."""
     if args.destination.exists() and (not args.destination.is_dir() or any(args.destination.iterdir())):
         raise InputError(f"{args.destination}: found something there already, expected a new folder")
-    sequence = open_sequence(args.source, stride=args.stride)
+    sequence = open_sequence(args.source, stride=args.stride, label_map=args.label_map)
     count = EXPORTERS[args.to](sequence, args.destination)
     print(f"{args.destination}: {count} of {len(sequence)} frames as {args.to}")

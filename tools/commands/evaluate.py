@@ -24,7 +24,7 @@ from dsmap.fusion.evaluate.semantics import evaluate_network
 from dsmap.fusion.runs.read_run import Run, load_run
 from dsmap.fusion.segmenter import Segmenter
 from dsmap.sequences import open_sequence
-from dsmap.sequences.formats import Options
+from dsmap.sequences.formats.protocol import Options
 from dsmap.sequences.pose_conventions import with_convention
 from dsmap.sequences.tum import is_tum
 from dsmap.tools.mapping.segmenters import SegmenterSpec, make_segmenter
@@ -56,6 +56,9 @@ class Args:
     sfm: bool = False
     """Compare with the poses that structure from motion finds in the colour images alone, too (COLMAP, minutes;
     needs `pip install 'dsmap[sfm]'`): a reference for recordings without one, a second opinion on given poses."""
+    label_map: str | None = None
+    """Which classes the label images of reference or data hold, if not the 13: nyu40, scannet, or a file of ids,
+    names or colours (docs/guide/labels.md)."""
     intrinsics: str | None = None
     """fx,fy,cx,cy of the reference's images [px]; before calibration.yaml and known defaults."""
     depth_scale: float | None = None
@@ -73,7 +76,7 @@ def main(args: Args) -> None:
         print(network_table(metrics))
         out = args.out
         if out is not None and out.suffix != ".json":
-            draw_network(out, args.data, watch, with_geometry)
+            draw_network(out, args, watch, with_geometry)
             out = out / "metrics.json"
     else:
         raise InputError("expected either a RUN folder, or --data with images and labels")
@@ -95,6 +98,7 @@ def score_run(folder: Path, args: Args) -> dict[str, Any]:
         intrinsics=parse_intrinsics(args.intrinsics),
         depth_scale=args.depth_scale,
         undistort=bool(settings.get("undistort", False)),
+        label_map=args.label_map or settings.get("label_map"),
         options=Options(settings.get("color_topic"), settings.get("depth_topic")),
     )
     if args.reference is None and settings.get("pose_convention"):
@@ -138,7 +142,8 @@ def score_network(data: Path, args: Args) -> tuple[dict[str, Any], Any, bool]:
     segmenter = load_segmenter(args.weights, engine=args.engine or "auto", prior=args.prior)
     with_geometry = segmenter.wants_geometry and not args.colour_only
     watch = Watch(segmenter.predict)
-    answers = ((watch(i, example), example.label) for i, example in labelled_images(data, with_geometry))
+    examples = labelled_images(data, with_geometry, label_map=args.label_map)
+    answers = ((watch(i, example), example.label) for i, example in examples)
     tree, frames = evaluate_network(answers)
     images = [dataclasses.asdict(image) for image in watch.ranked()]
     metrics = {"single_frame": tree, "frames": frames, "data": str(data), "weights": args.weights}
@@ -146,15 +151,16 @@ def score_network(data: Path, args: Args) -> tuple[dict[str, Any], Any, bool]:
     return metrics | {"images_by_rank": images}, watch, with_geometry
 
 
-def draw_network(out: Path, data: Path, watch: Any, with_geometry: bool) -> None:
+def draw_network(out: Path, args: Args, watch: Any, with_geometry: bool) -> None:
     """Write reliability.png, and overlays.jpg of the best three, the median four and the worst three images."""
     from dsmap.dsnet.scoring.measure import by_rank, enlarge
     from dsmap.dsnet.scoring.pictures import Overlay, draw_overlays, draw_reliability
 
-    ranked = watch.ranked()
+    assert args.data is not None
+    data, ranked = args.data, watch.ranked()
     ranks = {ranked[rank].index: rank for rank in by_rank(len(ranked))}
     overlays = []
-    for index, example in labelled_images(data, with_geometry, set(ranks)):
+    for index, example in labelled_images(data, with_geometry, set(ranks), args.label_map):
         p = watch.predict(example.rgb, example.geometry)
         answer = (enlarge(p, example.label)[..., 1:].argmax(axis=2) + 1).astype(np.uint8)
         overlays.append(Overlay(example.rgb, example.label, answer, ranked[ranks[index]], ranks[index]))
@@ -165,21 +171,22 @@ def draw_network(out: Path, data: Path, watch: Any, with_geometry: bool) -> None
 
 
 def labelled_images(
-    data: Path, with_geometry: bool = False, only: set[int] | None = None
+    data: Path, with_geometry: bool = False, only: set[int] | None = None, label_map: str | None = None
 ) -> Iterator[tuple[int, Example]]:
     """Number and content of the labelled frames of a recording, or of any data set of the 13 classes.
 
     Args:
         with_geometry: what depth tells as well, where there is any.
         only: numbers of the images wanted; None: all.
+        label_map: how label images are read (see `open_sequence`).
 
     Raises:
         InputError: there are none, they are of other classes, or an image does not fit its label.
     """
     if is_tum(data):
-        yield from _labelled_frames(data, with_geometry, only)
+        yield from _labelled_frames(data, with_geometry, only, label_map)
         return
-    images = open_set(data)
+    images = open_set(data, label_map)
     if images.class_names != CLASS_NAMES:
         raise InputError(f"{data}: classes are {', '.join(images.class_names)}, expected the 13 of NYUv2")
     for index, item in enumerate(tqdm(images.items, unit="image", disable=only is not None)):
@@ -187,12 +194,13 @@ def labelled_images(
             yield index, item.read(with_geometry)
 
 
-def _labelled_frames(data: Path, with_geometry: bool, only: set[int] | None) -> Iterator[tuple[int, Example]]:
-    sequence = open_sequence(data)
+def _labelled_frames(
+    data: Path, with_geometry: bool, only: set[int] | None, label_map: str | None
+) -> Iterator[tuple[int, Example]]:
+    sequence = open_sequence(data, label_map=label_map)
     if not sequence.has_labels:
-        raise InputError(
-            f"{data}: this recording has no labels; expected label.txt, or folders rgb/ and label/"
-        )
+        why = sequence.recording.labels_unused or "this recording has no labels"
+        raise InputError(f"{data}: {why}; expected label.txt, or folders rgb/ and label/")
     for i in tqdm(sequence.labelled(), unit="image", disable=only is not None):
         frame = sequence.frame(i) if only is None or i in only else None
         if frame is None or frame.label is None:

@@ -9,7 +9,7 @@ import tyro
 from dsmap.errors import InputError
 from dsmap.sequences import Sequence, open_sequence
 from dsmap.sequences.associate import gaps
-from dsmap.sequences.formats import Options
+from dsmap.sequences.formats.protocol import Options
 from dsmap.sequences.pose_conventions import fit_poses
 from dsmap.tools.support.depth_check import depth_warnings, sample_depth
 from dsmap.tools.support.parse import parse_intrinsics
@@ -23,6 +23,9 @@ class Args:
     """fx,fy,cx,cy of the recording's own images [px]; before calibration.yaml and known defaults."""
     depth_scale: float | None = None
     """Stored depth units per metre, e.g. 1000 or 5000."""
+    label_map: str | None = None
+    """Which classes the recording's label images hold, if not the 13: nyu40, scannet, or a file of ids, names or
+    colours (docs/guide/labels.md)."""
     color_topic: str | None = None
     """Topic of the colour images of a bag; without it dsmap looks for one."""
     depth_topic: str | None = None
@@ -33,7 +36,7 @@ def main(args: Args) -> None:
     """Print what was understood, and warnings."""
     sequence = open_sequence(
         args.path, intrinsics=parse_intrinsics(args.intrinsics), depth_scale=args.depth_scale,
-        options=Options(args.color_topic, args.depth_topic),
+        label_map=args.label_map, options=Options(args.color_topic, args.depth_topic),
     )  # fmt: skip
     depth = sample_depth(sequence)
     rows = [*describe(sequence), *describe_depth(depth)]

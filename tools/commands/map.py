@@ -20,10 +20,10 @@ from dsmap.fusion.config import (
 )
 from dsmap.fusion.runs.map_recording import INTERRUPTED, Run, run
 from dsmap.sequences import Sequence, open_sequence
-from dsmap.sequences.formats import Options
+from dsmap.sequences.formats.protocol import Options
 from dsmap.sequences.pose_conventions import with_convention
 from dsmap.tools.mapping.checks import check_recording, verdict, without_partner
-from dsmap.tools.mapping.output import draw, report, write_run
+from dsmap.tools.mapping.output import draw, remove_pictures, report, write_run
 from dsmap.tools.mapping.start import claim_folder, default_args, segmenter_spec, start
 from dsmap.tools.support.parse import parse_intrinsics, parse_size
 
@@ -92,6 +92,9 @@ class Args:
     alike (best average over classes); default: as the weights say."""
     engine: Literal["auto", "torch", "onnx"] = "auto"
     """What runs the network: torch, onnx (ONNX Runtime, CPU), or auto: the faster one that is installed."""
+    label_map: str | None = None
+    """Which classes the recording's label images hold, if not the 13: nyu40, scannet, or a file of ids, names or
+    colours (docs/guide/labels.md)."""
     label_noise: float = 0.0
     """Corrupt this share of `labels` (a test of label fusion)."""
     label_noise_kind: Literal["pixels", "blobs", "confusion"] = "pixels"
@@ -139,6 +142,8 @@ def main(args: Args) -> int:
     write_run(args, state, sequence, spec)
     if args.pictures:
         draw(args.out, state, sequence)
+    else:
+        remove_pictures(args.out)
     report(state, args.out)
     return INTERRUPTED if interrupted else verdict(state, sequence)
 
@@ -148,7 +153,7 @@ def open_recording(args: Args) -> Sequence:
     sequence = open_sequence(
         args.path, intrinsics=parse_intrinsics(args.intrinsics), depth_scale=args.depth_scale,
         size=parse_size(args.size), start=args.start, stop=args.stop, stride=args.stride, undistort=args.undistort,
-        options=Options(args.color_topic, args.depth_topic),
+        label_map=args.label_map, options=Options(args.color_topic, args.depth_topic),
     )  # fmt: skip
     if args.pose_convention is not None:
         sequence = with_convention(sequence, args.pose_convention)
@@ -157,9 +162,8 @@ def open_recording(args: Args) -> Sequence:
             f"{args.path}: --poses given, but the recording has no poses; expected a ground truth file"
         )
     if args.segmenter == "labels" and not sequence.has_labels:
-        raise InputError(
-            f"{args.path}: --segmenter labels, but the recording has no labels; expected label.txt"
-        )
+        why = sequence.recording.labels_unused or "the recording has no labels; expected label.txt"
+        raise InputError(f"{args.path}: --segmenter labels, but {why}")
     return sequence
 
 

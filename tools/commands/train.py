@@ -25,6 +25,9 @@ class Args:
     NYUv2 (its .mat file), SUN RGB-D, ScanNet frames, PASCAL VOC, SBD. All of the same classes."""
     val: Path | None = None
     """Data set to validate with, PATH or PATH@SPLIT: other rooms than those of `data`."""
+    label_map: str | None = None
+    """Which classes the label images of `data` and `val` hold, if not the 13: nyu40, scannet, or a file of ids, names
+    or colours (docs/guide/labels.md)."""
     recipe: str | None = None
     """Several stages instead of one: a YAML file or the name of a recipe that comes with dsmap."""
     places: tuple[str, ...] = ()
@@ -90,6 +93,7 @@ def run_stage(args: Args) -> dict:
         workers=args.workers,
         log=args.log,
         notes=notes,
+        label_map=args.label_map,
     )
 
 

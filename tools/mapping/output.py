@@ -25,7 +25,7 @@ def write_run(args: Any, state: Run, sequence: Sequence, spec: SegmenterSpec) ->
             "intrinsics": {"fx": k.fx, "fy": k.fy, "cx": k.cx, "cy": k.cy, "width": k.width, "height": k.height},
             "intrinsics_source": sequence.intrinsics_source,
             "pose_convention": args.pose_convention,
-            "color_topic": args.color_topic, "depth_topic": args.depth_topic,
+            "label_map": args.label_map, "color_topic": args.color_topic, "depth_topic": args.depth_topic,
         },
         "config": args.config,
         "localize_in": None if args.localize_in is None else str(args.localize_in),
@@ -63,6 +63,14 @@ def draw(out: Path, state: Run, sequence: Sequence) -> None:
     write_pictures(out, mapper.surfels, points, sequence.intrinsics, strip, reference, up=mapper.up)
 
 
+def remove_pictures(out: Path) -> None:
+    """Remove the pictures of an earlier run: they show another map than the one that is there now."""
+    for picture in (out / "pictures").glob("*.png"):
+        picture.unlink()
+    if (out / "pictures").is_dir() and not any((out / "pictures").iterdir()):
+        (out / "pictures").rmdir()
+
+
 def report(state: Run, out: Path) -> None:
     """Say in a few lines what came out."""
     stats = statistics(state.mapper, len(state.skipped), 0.0)
@@ -76,4 +84,8 @@ def report(state: Run, out: Path) -> None:
         print(f"skipped frame {index}: {reason}")
     fps = f"{speed['fps']:.1f} frames/s" if speed["fps"] else "no frame mapped"
     print(f"{found['surfels']:,} surfels, {fps}, {speed['peak_rss_bytes'] / 2**20:.0f} MiB at most")
-    print(f"written to {out}: map.ply labels.ply trajectory.txt stats.json checkpoint.safetensors pictures/")
+    pictures = " pictures/" if (out / "pictures").is_dir() else ""
+    print(
+        f"written to {out}: map.ply labels.ply trajectory.txt trajectory_status.txt stats.json "
+        f"checkpoint.safetensors{pictures}"
+    )

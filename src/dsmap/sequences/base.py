@@ -2,13 +2,14 @@
 
 import queue
 import threading
+import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
-from dsmap.errors import InputError
+from dsmap.errors import InputError, InputWarning
 from dsmap.frame import Frame, Intrinsics
 from dsmap.sequences.calibration import Calibration
 from dsmap.sequences.images import (
@@ -22,6 +23,7 @@ from dsmap.sequences.images import (
     resize_depth,
     resize_nearest,
 )
+from dsmap.sequences.label_images import LabelMap, fit
 from dsmap.sequences.registration import register_colour, register_depth
 
 _PREFETCH = 4
@@ -64,6 +66,10 @@ class Recording:
     """What was put right while reading (stamps out of order, ...), one sentence each."""
     calibration: Calibration | None = None
     """The camera, where the recording's own format holds it; calibration.yaml goes before it."""
+    label_map: LabelMap = field(default_factory=LabelMap)
+    """How label images are read."""
+    labels_unused: str | None = None
+    """Why the recording's label images are left out, one sentence; None: they are not."""
 
 
 class Sequence:
@@ -85,6 +91,7 @@ class Sequence:
         self.entries = entries
         self.undistort = undistort
         self.skipped: list[tuple[int, str]] = []
+        self._warned_of_labels = False
         source = calibration.intrinsics
         self._undistorter = Undistorter(source) if undistort and source.distortion else None
         if self._undistorter:
@@ -158,7 +165,7 @@ class Sequence:
             rgb=resize_colour(self._colour(entry, depth), *size),
             depth=resize_depth(depth, *size),
             T_world_camera=entry.T_world_camera,
-            label=self._ids(entry.label, np.uint8),
+            label=self._label(entry),
             instance=self._ids(entry.instance, np.uint16),
             depth_time=entry.depth_time,
         )
@@ -182,8 +189,11 @@ class Sequence:
         return resize_depth(self._depth(self.entries[i]), self.intrinsics.width, self.intrinsics.height)
 
     def label(self, i: int) -> np.ndarray | None:
-        """Ground-truth class ids of frame `i`, uint8, shape (H, W), without decoding its other images."""
-        return self._ids(self.entries[i].label, np.uint8)
+        """Ground-truth class ids of frame `i`, uint8, shape (H, W), without decoding its other images.
+
+        None where there are none, or (after a warning) where they cannot be read.
+        """
+        return self._label(self.entries[i])
 
     def __iter__(self) -> Iterator[Frame]:
         self.skipped = []
@@ -232,6 +242,24 @@ class Sequence:
         if self.calibration.T_color_depth is not None and self.calibration.color_camera is None:
             depth = register_depth(depth, self.calibration.intrinsics, self.calibration.T_color_depth)
         return self._undistorter.nearest(depth) if self._undistorter else depth
+
+    def _label(self, entry: Entry) -> np.ndarray | None:
+        """A frame is worth mapping without its labels: what cannot be read is said once, and left out."""
+        if entry.label is None:
+            return None
+        camera = self.calibration.intrinsics
+        try:
+            label = fit(
+                self.recording.label_map.read(entry.label), camera.width, camera.height, str(entry.label)
+            )
+        except InputError as error:
+            if not self._warned_of_labels:
+                warnings.warn(InputWarning(f"frame {entry.index} has no labels: {error}"), stacklevel=2)
+            self._warned_of_labels = True
+            return None
+        if self._undistorter:
+            label = self._undistorter.nearest(label)
+        return resize_nearest(label, self.intrinsics.width, self.intrinsics.height)
 
     def _ids(self, path: Source | None, dtype: type) -> np.ndarray | None:
         if path is None:

@@ -11,8 +11,15 @@ import yaml
 from dsmap.errors import InputError
 from dsmap.files import atomic_path
 from dsmap.frame import Intrinsics
+from dsmap.sequences.calibration_checks import check_camera, check_depth_scale, check_extras, check_keys
 
 FILE = "calibration.yaml"
+_CAMERA_KEYS = ("width", "height", "fx", "fy", "cx", "cy")
+_KEYS = (
+    *_CAMERA_KEYS, "pixel_center", "depth_scale", "distortion", "depth_time_offset_s", "readout_s",
+    "T_color_depth", "color_camera", "depth_max",
+)  # fmt: skip
+_DISTORTION_KEYS = ("model", "k1", "k2", "p1", "p2", "k3")
 
 _KINECT_READOUT_S = 0.026
 """From the first row of a Kinect's image to its last. On fr1/xyz 20 and 26 ms fit best, and a 7-Scenes recording
@@ -80,30 +87,26 @@ def read_calibration(folder: Path) -> Calibration | None:
     """`calibration.yaml` of a recording, or None if there is none.
 
     Raises:
-        InputError: the file is damaged, or a value is missing, not a number or out of range.
+        InputError: the file is damaged, a key is unknown, or a value is missing, not a number or out of range.
     """
     path = folder / FILE
     if not path.exists():
         return None
     try:
-        content = yaml.safe_load(path.read_text())
+        content = yaml.safe_load(path.read_text(encoding="utf-8-sig"))
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         raise InputError(f"{path}: not readable as YAML ({str(error).splitlines()[0]})") from error
     if not isinstance(content, dict):
         raise InputError(
             f"{path}: found {type(content).__name__}, expected width, height, fx, fy, cx, cy, depth_scale"
         )
-    width, height = (int(_number(path, content, key, positive=True)) for key in ("width", "height"))
-    fx, fy = (_number(path, content, key, positive=True) for key in ("fx", "fy"))
-    cx, cy = (_number(path, content, key) for key in ("cx", "cy"))
+    check_keys(path, content, _KEYS)
     center = content.get("pixel_center", "integer")
     if center not in ("integer", "half"):
         raise InputError(f"{path}: found pixel_center {center!r}, expected integer or half")
     shift = 0.5 if center == "half" else 0.0
-    return Calibration(
-        Intrinsics(
-            width, height, fx, fy, cx - shift, cy - shift, _distortion(path, content.get("distortion"))
-        ),
+    calibration = Calibration(
+        replace(_camera(path, content, shift), distortion=_distortion(path, content.get("distortion"))),
         depth_scale=_number(path, content, "depth_scale", positive=True),
         source=FILE,
         pixel_center=center,
@@ -113,6 +116,14 @@ def read_calibration(folder: Path) -> Calibration | None:
         readout_s=_number(path, content, "readout_s", default=0.0),
         depth_max=_number(path, content, "depth_max", positive=True) if "depth_max" in content else None,
     )
+    check_camera(path, calibration.intrinsics)
+    if calibration.color_camera is not None:
+        check_camera(f"{path}, color_camera", calibration.color_camera)
+    check_depth_scale(path, calibration.depth_scale)
+    check_extras(
+        path, calibration.depth_time_offset_s, calibration.readout_s, calibration.depth_max, calibration.T_color_depth
+    )  # fmt: skip
+    return calibration
 
 
 def write_calibration(folder: Path, calibration: Calibration) -> None:
@@ -214,11 +225,13 @@ def resolve(
         camera = replace(
             base.intrinsics, width=image_size[0], height=image_size[1], fx=fx, fy=fy, cx=cx, cy=cy
         )
+        check_camera("--intrinsics", camera)
         base = replace(base, intrinsics=camera)
         sources["intrinsics"] = "--intrinsics"
     if depth_scale is not None:
         if not (np.isfinite(depth_scale) and depth_scale > 0):
             raise InputError(f"--depth-scale: found {depth_scale}, expected stored units per metre, above 0")
+        check_depth_scale("--depth-scale", depth_scale)
         base = replace(base, depth_scale=float(depth_scale))
         sources["depth scale"] = "--depth-scale"
     if len(set(sources.values())) == 1:
@@ -246,6 +259,7 @@ def _distortion(path: Path, content: Any) -> tuple[float, float, float, float, f
         raise InputError(
             f"{path}: found distortion {content!r}, expected {{model: radtan, k1, k2, p1, p2, k3}}"
         )
+    check_keys(f"{path}, distortion", content, _DISTORTION_KEYS)
     k1, k2, p1, p2, k3 = (_number(path, content, key, default=0.0) for key in ("k1", "k2", "p1", "p2", "k3"))
     return (k1, k2, p1, p2, k3) if any((k1, k2, p1, p2, k3)) else None
 
@@ -255,10 +269,22 @@ def _color_camera(path: Path, content: Any, shift: float) -> Intrinsics | None:
         return None
     if not isinstance(content, dict):
         raise InputError(f"{path}: found color_camera {content!r}, expected width, height, fx, fy, cx, cy")
-    width, height = (int(_number(path, content, key, positive=True)) for key in ("width", "height"))
+    check_keys(f"{path}, color_camera", content, _CAMERA_KEYS)
+    return _camera(path, content, shift)
+
+
+def _camera(path: Path, content: dict, shift: float) -> Intrinsics:
+    width, height = (_whole(path, content, key) for key in ("width", "height"))
     fx, fy = (_number(path, content, key, positive=True) for key in ("fx", "fy"))
     cx, cy = (_number(path, content, key) - shift for key in ("cx", "cy"))
     return Intrinsics(width, height, fx, fy, cx, cy)
+
+
+def _whole(path: Path, content: dict, key: str) -> int:
+    value = _number(path, content, key, positive=True)
+    if value != int(value):
+        raise InputError(f"{path}: found {value:g} for {key}, expected a whole number of pixels")
+    return int(value)
 
 
 def _transform(path: Path, content: Any) -> np.ndarray | None:
@@ -268,6 +294,7 @@ def _transform(path: Path, content: Any) -> np.ndarray | None:
         T = np.array(content, dtype=np.float64).reshape(4, 4)
     except (TypeError, ValueError):
         T = np.zeros((4, 4))
-    if not np.allclose(T[:3, :3] @ T[:3, :3].T, np.eye(3), atol=1e-3) or not np.allclose(T[3], (0, 0, 0, 1)):
+    rotates = np.allclose(T[:3, :3] @ T[:3, :3].T, np.eye(3), atol=1e-3) and np.linalg.det(T[:3, :3]) > 0
+    if not rotates or not np.allclose(T[3], (0, 0, 0, 1)):
         raise InputError(f"{path}: found T_color_depth {content!r}, expected a rigid 4x4 transform")
     return None if np.allclose(T, np.eye(4)) else T

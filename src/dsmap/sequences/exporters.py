@@ -139,7 +139,8 @@ def _segments(label: np.ndarray, instance: np.ndarray | None) -> tuple[list[dict
 
 def _need_labels(sequence: Sequence) -> None:
     if not sequence.has_labels:
-        raise InputError(f"{sequence.path}: found no label images, expected some (label.txt)")
+        why = sequence.recording.labels_unused or "found no label images, expected some (label.txt)"
+        raise InputError(f"{sequence.path}: {why}")
 
 
 def _write_png(path: Path, image: np.ndarray) -> None:

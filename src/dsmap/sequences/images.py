@@ -51,7 +51,8 @@ Source = Path | Packed
 
 def read_colour(path: Source) -> np.ndarray:
     """An image as RGB uint8, shape (H, W, 3). Raises InputError if it is missing or damaged."""
-    image = _decode(path, cv2.IMREAD_COLOR)
+    # The pixels as stored, as depth's are: a camera's "hold me upright" (EXIF) would turn colour alone.
+    image = _decode(path, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
     return cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
 
 
@@ -123,6 +124,15 @@ def image_size(path: Source) -> tuple[int, int] | None:
     except InputError:
         return None
     return width, height
+
+
+def asks_to_be_turned(path: Source) -> bool:
+    """Whether a colour image's EXIF orientation asks viewers to turn it; its stored pixels are what counts."""
+    try:
+        turned = _decode(path, cv2.IMREAD_COLOR)
+        return not np.array_equal(turned, _decode(path, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION))
+    except InputError:
+        return False
 
 
 def check_size(path: Source, image: np.ndarray, width: int, height: int) -> None:

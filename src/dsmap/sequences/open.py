@@ -6,12 +6,15 @@ from pathlib import Path
 import numpy as np
 
 from dsmap.errors import InputError
-from dsmap.sequences.base import Recording, Sequence
+from dsmap.sequences.base import Entry, Recording, Sequence
 from dsmap.sequences.calibration import FILE, Calibration, known_default, read_calibration, resolve
-from dsmap.sequences.formats import OPTIONS, Options, find_reader
 from dsmap.sequences.formats.archive import is_archive, unpack
+from dsmap.sequences.formats.protocol import OPTIONS, Options
+from dsmap.sequences.formats.registry import find_reader
 from dsmap.sequences.found_calibration import check_assumed, find_calibration
-from dsmap.sequences.images import image_size, is_depth, stored_depth
+from dsmap.sequences.images import asks_to_be_turned, image_size, is_depth, stored_depth
+from dsmap.sequences.label_check import settle_labels
+from dsmap.sequences.label_maps import load_label_map
 from dsmap.sequences.redwood import is_redwood, read_redwood
 from dsmap.sequences.seven_scenes import is_seven_scenes, read_seven_scenes
 from dsmap.sequences.tum import is_tum, read_tum
@@ -32,6 +35,7 @@ def open_sequence(
     stop: int | None = None,
     stride: int = 1,
     undistort: bool = False,
+    label_map: str | None = None,
     options: Options = OPTIONS,
 ) -> Sequence:
     """Open a recording; the layout is detected by looking at the folder or file.
@@ -44,6 +48,8 @@ def open_sequence(
         size: (width, height) of the frames to yield; colour is averaged, depth and ids are nearest.
         start, stop, stride: which associated frames, as in a Python slice of non-negative numbers.
         undistort: remap all images to the pinhole camera of the same K (nothing to do without distortion).
+        label_map: `nyu40`, `scannet` or a file: which of the 13 classes a stored id or colour is (see
+            `label_maps.load_label_map`); None: label images hold the 13 classes.
         options: which parts of a container to read (topics, ...).
 
     Raises:
@@ -57,12 +63,6 @@ def open_sequence(
     stored = read_calibration(folder)
     recording = read_recording(folder, stored, options)
     stored = stored or _calibration_of(recording)
-    entries = recording.entries[_slice(start, stop, stride)]
-    if not entries:
-        raise InputError(
-            f"{folder}: no frame between start {start} and stop {stop}, "
-            f"expected a part of 0..{len(recording.entries)}"
-        )
     if size is not None and min(size) < 1:
         raise InputError(
             f"size: found {size[0]}x{size[1]}, expected a width and height of at least one pixel"
@@ -70,11 +70,16 @@ def open_sequence(
     found = _image_size(recording, stored)
     if stored is None:
         stored = _stated_or_assumed(recording, found, intrinsics is not None)
+    if asks_to_be_turned(recording.entries[0].rgb):
+        recording.notes.append(
+            "colour images ask to be turned (EXIF); their pixels are taken as stored, as depth's are"
+        )
     calibration = resolve(recording.layout, folder, found, stored, intrinsics, depth_scale)
     samples = _depth_samples(recording)
     if depth_scale is None and recording.calibration is None and calibration.source != FILE:
         calibration = _in_metres(calibration, samples, recording.notes)
-    return Sequence(recording, calibration, size, entries, undistort)
+    settle_labels(recording, load_label_map(label_map, folder), calibration.intrinsics)
+    return Sequence(recording, calibration, size, _chosen(recording, start, stop, stride), undistort)
 
 
 def read_recording(folder: Path, stored: Calibration | None = None, options: Options = OPTIONS) -> Recording:
@@ -162,6 +167,16 @@ def _in_metres(calibration: Calibration, samples: list[np.ndarray], notes: list[
         return calibration
     notes.append("assumed: depth stored as floats is in metres; --depth-scale says otherwise")
     return replace(calibration, depth_scale=1.0)
+
+
+def _chosen(recording: Recording, start: int, stop: int | None, stride: int) -> list[Entry]:
+    entries = recording.entries[_slice(start, stop, stride)]
+    if not entries:
+        raise InputError(
+            f"{recording.path}: no frame between start {start} and stop {stop}, "
+            f"expected a part of 0..{len(recording.entries)}"
+        )
+    return entries
 
 
 def _slice(start: int, stop: int | None, stride: int) -> slice:

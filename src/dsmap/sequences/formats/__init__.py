@@ -1,10 +1,5 @@
 """Readers of recordings as cameras and data sets leave them, one file a format.
 
 A reader looks whether a path is its own and lists the frames; an image is read when a frame asks for it, so that a
-recording of any length fits in memory. Add one by writing its file and naming it in `READERS`.
+recording of any length fits in memory. Add one by writing its file and naming it in `READERS` of the registry.
 """
-
-from dsmap.sequences.formats.protocol import OPTIONS, Options, Reader
-from dsmap.sequences.formats.registry import READERS, find_reader
-
-__all__ = ["OPTIONS", "READERS", "Options", "Reader", "find_reader"]
