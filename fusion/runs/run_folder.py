@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from dsmap.classes import write_classes
-from dsmap.files import write_json
+from dsmap.files import atomic_path, write_json
 from dsmap.fusion.loops.record import record_values
 from dsmap.fusion.mapper import Mapper
 from dsmap.fusion.runs.checkpoint import save_map
