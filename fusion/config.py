@@ -89,11 +89,11 @@ class LabelConfig:
     rule: Literal["bayes", "mean", "geometric"] = "geometric"
     """bayes: the paper's product (Eq. 5-6), over-confident by nature; geometric: its n-th root, the same labels with
     honest probabilities; mean: arithmetic mean of probabilities."""
-    every: int = 1
-    """Segment every n-th frame; 0: keyframes only."""
-    keyframe_distance: float = 0.15
+    every: int = 0
+    """Segment every n-th frame; 0: keyframes only, which make better maps: neighbouring frames repeat a mistake."""
+    keyframe_distance: float = 0.1
     """A keyframe has moved this far [m] from the last one..."""
-    keyframe_angle_deg: float = 10.0
+    keyframe_angle_deg: float = 6.0
     """... or turned this much [deg]."""
     floor: float = 1e-3
     """Smallest probability of a class: one zero must not kill a class for good."""

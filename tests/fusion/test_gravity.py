@@ -9,7 +9,7 @@ from box_room import CAMERA, frame, room, turned
 
 from dsmap.errors import InputWarning
 from dsmap.frame import Frame, FrameGeometry
-from dsmap.fusion.config import MapConfig
+from dsmap.fusion.config import LabelConfig, MapConfig
 from dsmap.fusion.labels.segment import segment_later
 from dsmap.fusion.mapper import Mapper
 from dsmap.fusion.runs.checkpoint import load_map, save_map
@@ -37,7 +37,8 @@ class Curious:
 def mapped(count: int, pitch=20.0, roll=0.0, scale=1.0, camera=CAMERA, **config) -> tuple[Mapper, Curious]:
     """A mapper after a slow sweep of the camera over the room, and its segmenter."""
     segmenter = Curious()
-    mapper = Mapper(MapConfig(depth_max=60.0, poses="given", **config), camera, segmenter)
+    labels = LabelConfig(every=1)
+    mapper = Mapper(MapConfig(depth_max=60.0, poses="given", labels=labels, **config), camera, segmenter)
     for i in range(count):
         assert mapper.step(frame(i, turned(pitch - 0.5 * i, roll), scale)).tracked
     return mapper, segmenter

@@ -73,7 +73,7 @@ def test_wrong_sizes_are_refused():
 @pytest.mark.parametrize("rule", ["bayes", "mean", "geometric"])
 def test_labels_survive_corruption(rule):
     segmenter = GroundTruthSegmenter(noise=0.4, seed=1)
-    mapper = Mapper(config(poses="given", labels=LabelConfig(rule=rule)), INTRINSICS, segmenter)
+    mapper = Mapper(config(poses="given", labels=LabelConfig(rule=rule, every=1)), INTRINSICS, segmenter)
     still = FRAMES[0]
     for i in range(14):
         mapper.step(Frame(i, i / 30, still.rgb, still.depth, still.T_world_camera, still.label))

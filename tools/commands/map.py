@@ -102,7 +102,7 @@ class Args:
     label_fusion: Literal["bayes", "mean", "geometric"] | None = None
     """How a surfel's labels of many views are combined; default: geometric (labels.rule)."""
     segment_every: str | None = None
-    """Segment every n-th frame, or `keyframes`; default: labels.every."""
+    """Segment every n-th frame, or `keyframes`; default: labels.every, which says keyframes."""
     save_probabilities: bool = False
     """Add the 13 class probabilities to map.ply."""
     pictures: bool = True
