@@ -125,7 +125,8 @@ def test_checkpoint_round_trip(tmp_path):
     assert meta["config"] == mapper.config and meta["time"] == 3
     assert meta["poses"].shape == (3, 4, 4) and meta["tracked"].all()
     assert {f.name for f in tmp_path.iterdir()} == {
-        "map.ply", "labels.ply", "trajectory.txt", "trajectory_status.txt", "loops.json", "classes.json", "checkpoint.safetensors"
+        "map.ply", "labels.ply", "trajectory.txt", "trajectory_status.txt",
+        "loops.json", "classes.json", "checkpoint.safetensors",
     }  # fmt: skip
 
 
