@@ -52,6 +52,12 @@ class LabelledImages:
         return self.items[index].read(self.with_geometry)
 
 
+def _chances(data: LabelledImages, shares: Sequence[float]) -> np.ndarray:
+    """Chance of each image to be the one that is drawn, shape (images,); `shares` as in `drawn_shares`."""
+    draws = np.array(shares if shares else data.sizes, float)
+    return np.repeat(draws / draws.sum() / data.sizes, data.sizes)
+
+
 def drawn_shares(data: LabelledImages, shares: Sequence[float] = ()) -> np.ndarray:
     """Share of each class in the labelled pixels that are drawn, shape (classes,); void has none.
 
@@ -59,9 +65,7 @@ def drawn_shares(data: LabelledImages, shares: Sequence[float] = ()) -> np.ndarr
         shares: how often each set is drawn from; (): by its size.
     """
     # All images are resized to one size, so an image counts as one, whatever its own size.
-    draws = np.array(shares if shares else data.sizes, float)
-    chance = np.repeat(draws / draws.sum() / data.sizes, data.sizes)  # of an image, in each draw
-    drawn = chance @ data.fractions
+    drawn = _chances(data, shares) @ data.fractions
     drawn[0] = 0
     return drawn / max(drawn.sum(), 1e-12)
 
@@ -86,9 +90,7 @@ def class_weights(
     if balance == "inverse":
         weights[seen] = np.minimum((np.median(share) / share) ** power, 10.0)
     elif balance == "median":
-        draws = np.array(shares if shares else data.sizes, float)
-        chance = np.repeat(draws / draws.sum() / data.sizes, data.sizes)
-        frequency = share / (chance @ (data.fractions > 0))[seen]
+        frequency = share / (_chances(data, shares) @ (data.fractions > 0))[seen]
         weights[seen] = np.minimum(np.median(frequency) / frequency, 10.0)
     elif balance == "log":
         weights[seen] = 1 / np.log(1.02 + share)

@@ -131,9 +131,10 @@ def start(
 ) -> State:
     """A new state, or that of the checkpoint in `out`."""
     torch.manual_seed(config.seed)
-    state = new_state(net, config, init, ranks.device)
     checkpoint = out / "checkpoint.safetensors"
-    if checkpoint.exists():
+    begun = checkpoint.exists()  # it holds the encoder as well: ImageNet's weights are not asked for again
+    state = new_state(net, replace(config, imagenet=config.imagenet and not begun), init, ranks.device)
+    if begun:
         if not resume:
             raise InputError(f"{out}: holds a training run already, expected a new folder or --resume")
         load_checkpoint(checkpoint, state, run)

@@ -90,7 +90,7 @@ def finish(out: Path, data: LabelledImages, run: dict, device: str) -> dict:
     info.notes = {
         **run,
         "validation": {**info.notes["validation"], **scores},
-        "priors": prior_ends(segmenter, data),
+        "priors": prior_ends(segmenter, data, scores),
     }
     save_weights(path, model, info)
     with atomic_path(out / "model-card.md") as temporary:
@@ -98,13 +98,17 @@ def finish(out: Path, data: LabelledImages, run: dict, device: str) -> dict:
     return {**info.notes["validation"], "temperature": info.temperature}
 
 
-def prior_ends(segmenter: DSNetSegmenter, data: LabelledImages) -> dict[str, dict]:
-    """Scores at both ends of the class prior and at the default, by prior; {} where shares are not known."""
+def prior_ends(segmenter: DSNetSegmenter, data: LabelledImages, at_default: dict) -> dict[str, dict]:
+    """Scores at both ends of the class prior and at the default, by prior; {} where shares are not known.
+
+    Args:
+        at_default: the scores at the default, which are there already.
+    """
     info, default = segmenter.info, segmenter.info.prior
     found = {}
     for prior in (0.0, default, 1.0) if info.shares else ():
         info.prior = prior
-        scores = score(segmenter, data, calibration=True)
+        scores = at_default if prior == default else score(segmenter, data, calibration=True)
         found[f"{prior:g}"] = {name: scores[name] for name in ("class_avg", "pixel_acc", "miou", "ece")}
     info.prior = default
     return found
