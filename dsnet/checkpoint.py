@@ -7,14 +7,14 @@ from pathlib import Path
 import numpy as np
 import safetensors
 import torch
-from safetensors.torch import save_file
 from torch import Tensor, nn
 
 from dsmap.classes import CLASS_NAMES
 from dsmap.dsnet.config import DeconvNetConfig, DSNetConfig, DSNetPConfig, NetConfig
 from dsmap.dsnet.networks.build import build
 from dsmap.errors import InputError
-from dsmap.files import as_read_back, atomic_path
+from dsmap.files import as_read_back
+from dsmap.tensor_files import write_tensors
 
 SHIPPED = {name: Path(__file__).parent / "weights" / f"{name}.safetensors" for name in ("dsnet-p", "dsnet")}
 """Weights that come with dsmap; wherever a file is asked for, the name does."""
@@ -68,9 +68,8 @@ class WeightsInfo:
 
 def save_tensors(path: Path, tensors: dict[str, Tensor], file_format: str, header: dict) -> None:
     """Write a safetensors file atomically; `header` is stored as JSON beside the format marker."""
-    with atomic_path(path) as temporary:
-        contiguous = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
-        save_file(contiguous, temporary, metadata={"format": file_format, "header": json.dumps(header)})
+    arrays = {name: tensor.detach().cpu().contiguous().numpy() for name, tensor in tensors.items()}
+    write_tensors(path, arrays, {"format": file_format, "header": json.dumps(header)})
 
 
 def load_tensors(path: Path, file_format: str) -> tuple[dict[str, Tensor], dict]:

@@ -68,7 +68,7 @@ class Locator:
         frame: Frame,
         maps: Sequence[FrameMaps],
         T_world_last: np.ndarray,
-        trajectory: list[TrajectoryPoint],
+        trajectory: Sequence[TrajectoryPoint],
     ) -> Located:
         """Find a frame.
 
@@ -102,7 +102,7 @@ class Locator:
         self.motion.load_state(part_of(state, "motion."))
         self.tracker.load_state(state, self.model.device)
 
-    def _find(self, frame: Frame, last: Located, trajectory: list[TrajectoryPoint]) -> Located:
+    def _find(self, frame: Frame, last: Located, trajectory: Sequence[TrajectoryPoint]) -> Located:
         model = self.model
         if self.config.poses == "given":
             return self._given(frame, last, trajectory)
@@ -115,7 +115,7 @@ class Locator:
             return replace(last, tracked=True)  # the first frame defines the world
         return self._recover(replace(last, reason="not found in the map yet"), trajectory)
 
-    def _given(self, frame: Frame, last: Located, trajectory: list[TrajectoryPoint]) -> Located:
+    def _given(self, frame: Frame, last: Located, trajectory: Sequence[TrajectoryPoint]) -> Located:
         if frame.T_world_camera is None:
             return replace(last, reason="no pose is given for this frame")
         T = np.asarray(frame.T_world_camera, dtype=np.float64)
@@ -123,7 +123,7 @@ class Locator:
         return Located(T, undo_rolling_shutter(self.model.cameras, last.maps, rows, T), True)
 
     def _track(
-        self, last: Located, view: ModelView, trajectory: list[TrajectoryPoint], taken: float
+        self, last: Located, view: ModelView, trajectory: Sequence[TrajectoryPoint], taken: float
     ) -> Located:
         """Track from the last pose; after a gap the map is searched first, which looks closer and further.
 
@@ -151,7 +151,7 @@ class Locator:
             last = replace(last, reason=reason, health=health)
         return last if gap else self._recover(last, trajectory)
 
-    def _recover(self, lost: Located, trajectory: list[TrajectoryPoint]) -> Located:
+    def _recover(self, lost: Located, trajectory: Sequence[TrajectoryPoint]) -> Located:
         """Look for a lost frame in the whole map; what it sees there becomes active again."""
         found = self.recovery.find(lost.maps, len(trajectory), trajectory)
         if found is None:
@@ -161,7 +161,9 @@ class Locator:
             self.model.reactivate(found, lost.maps[self.model.narrow_level].vertex, len(trajectory))
         return replace(lost, T_world_camera=found, tracked=True, reason="", relocalised=True)
 
-    def _set_movers_apart(self, located: Located, trajectory: list[TrajectoryPoint], taken: float) -> Located:
+    def _set_movers_apart(
+        self, located: Located, trajectory: Sequence[TrajectoryPoint], taken: float
+    ) -> Located:
         """Mark what moves, and track once more without it: it must not steer the camera."""
         maps, T_world_camera, health = located.maps, located.T_world_camera, located.health
         moving = self.moving.mask(maps, trajectory, T_world_camera)

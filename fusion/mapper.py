@@ -15,11 +15,10 @@ from dsmap.fusion.locator import Locator
 from dsmap.fusion.loops.loop_closure import LoopCloser
 from dsmap.fusion.loops.record import LoopQuery, LoopRecord
 from dsmap.fusion.segmenter import Segmenter
-from dsmap.fusion.stage_clock import StageClock
-from dsmap.fusion.state import part_of, with_prefix
+from dsmap.fusion.stage_clock import StageClock, StageTime
 from dsmap.fusion.surfels.model import SurfelModel
 from dsmap.fusion.tracking.tracker import Health
-from dsmap.fusion.trajectory import TrajectoryPoint
+from dsmap.fusion.trajectory import Trajectory, TrajectoryPoint
 from dsmap.kernels.label import posterior
 from dsmap.kernels.preprocess import clean_depth, preprocess
 from dsmap.kernels.types import FrameMaps, SurfelMap
@@ -85,7 +84,7 @@ class Mapper:
         self.closer = LoopCloser(config, self.model, self.locator.recovery)
         self.segmenter = segmenter
         self.T_world_camera = np.eye(4)
-        self.trajectory: list[TrajectoryPoint] = []
+        self.trajectory = Trajectory()
         self.first_frame = 0
         """Frames before this one belong to an earlier recording, in whose map this one started."""
 
@@ -171,35 +170,31 @@ class Mapper:
         return self.closer.records
 
     @property
-    def stages_ms(self) -> dict[str, list[float]]:
-        """Wall time of every stage of every frame that had it [ms]."""
-        return self.clock.stages_ms
+    def stages(self) -> dict[str, StageTime]:
+        """Wall time of every stage over all frames that had it."""
+        return self.clock.stages
 
     @property
     def tracked_frames(self) -> int:
-        return sum(point.tracked for point in self.trajectory)
+        return int(self.trajectory.tracked.sum())
 
     def state(self) -> dict[str, Any]:
         """What is carried from frame to frame besides the surfels and the trajectory, by name."""
         own = {"T_world_camera": self.T_world_camera, "time": self.time, "first_frame": self.first_frame}
-        stages = {name: np.array(ms, dtype=np.float64) for name, ms in self.stages_ms.items()}
-        parts = (self.model, self.locator, self.labeller, self.closer)
-        state = own | with_prefix("stage.", stages)
-        for part in parts:
+        state = own
+        for part in (self.clock, self.model, self.locator, self.labeller, self.closer):
             state |= part.state()
         return state
 
-    def load_state(self, state: dict[str, Any], trajectory: list[TrajectoryPoint]) -> None:
+    def load_state(self, state: dict[str, Any], trajectory: Sequence[TrajectoryPoint]) -> None:
         """Go on where `state` was taken, with the surfels and the trajectory of then."""
         self._load_map_state(state, trajectory)
         self.first_frame = state["first_frame"]
-        for name, ms in part_of(state, "stage.").items():
-            self.stages_ms[name] = ms.tolist()
-        for part in (self.model, self.locator, self.labeller):
+        for part in (self.clock, self.model, self.locator, self.labeller):
             part.load_state(state)
 
     def start_in_saved_map(
-        self, state: dict[str, Any], trajectory: list[TrajectoryPoint], where: str
+        self, state: dict[str, Any], trajectory: Sequence[TrajectoryPoint], where: str
     ) -> None:
         """Let the next frame be the first of a new recording, to be found in the map by its keyframes.
 
@@ -212,9 +207,9 @@ class Mapper:
         self._load_map_state(state, trajectory)
         self.first_frame, self.model.last_fused = self.time, state["last_fused"]
 
-    def _load_map_state(self, state: dict[str, Any], trajectory: list[TrajectoryPoint]) -> None:
+    def _load_map_state(self, state: dict[str, Any], trajectory: Sequence[TrajectoryPoint]) -> None:
         """What belongs to the map: the trajectory, keyframes, loops."""
-        self.trajectory[:] = trajectory
+        self.trajectory = Trajectory(trajectory)
         self.T_world_camera = state["T_world_camera"]
         self.locator.recovery.load_state(state)
         self.closer.load_state(state)

@@ -10,7 +10,7 @@ from dsmap.frame import Frame, Intrinsics
 from dsmap.fusion.config import MapConfig
 from dsmap.fusion.mapper import Mapper
 from dsmap.fusion.runs.prepare_ahead import prepare_ahead
-from dsmap.fusion.runs.run_folder import WARM_UP
+from dsmap.fusion.stage_clock import WARM_UP
 
 
 @dataclass
@@ -69,6 +69,7 @@ def time_mapper(frames: Sequence[Frame], intrinsics: Intrinsics, config: MapConf
         timing.latency_ms.append(1000 * (end - ready.begun))
         timing.poses.append(result.T_world_camera)
         timing.tracked.append(result.tracked)
+        for name, ms in result.stages_ms.items():
+            timing.stages_ms.setdefault(name, []).append(ms)
         start = end
-    timing.stages_ms = dict(mapper.stages_ms)
     return timing

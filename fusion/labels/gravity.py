@@ -1,6 +1,7 @@
 """Up and the floor of a map, and what they say about a frame. They come from the whole map: steady over frames."""
 
 import warnings
+from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
@@ -68,7 +69,7 @@ class MapGravity:
         self._intrinsics = intrinsics
         self._warned: set[str] = set()
 
-    def update(self, surfels: SurfelMap, stable_weight: float, trajectory: list[TrajectoryPoint]) -> None:
+    def update(self, surfels: SurfelMap, stable_weight: float, trajectory: Sequence[TrajectoryPoint]) -> None:
         """Look at the map again if it is time to. The trajectory is that of all frames so far."""
         if len(trajectory) - self._looked < _EVERY:
             return

@@ -1,5 +1,6 @@
 """Which frames are segmented, and what the segmenter is told about them."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -36,7 +37,7 @@ class Labeller:
         maps: FrameMaps,
         T_world_camera: np.ndarray,
         surfels: SurfelMap,
-        trajectory: list[TrajectoryPoint],
+        trajectory: Sequence[TrajectoryPoint],
     ) -> np.ndarray | None:
         """Of a frame that has been fused, shape (h, w, 14); None where it is not due.
 

@@ -233,8 +233,7 @@ class LoopCloser:
         self.recovery.ferns.poses = graph.apply_to_poses(self.recovery.ferns.poses, self.recovery.ferns.times)
         moved = graph.apply_to_poses(poses, np.arange(len(poses)))
         moved[-1] = T_found
-        for point, T_world_camera in zip(now.trajectory, moved, strict=True):
-            point.T_world_camera = T_world_camera
+        now.trajectory.set_poses(moved)
 
     def _agrees(self, now: LoopQuery, inactive: ModelView, seen: Overlap) -> bool:
         """Whether what comes into view needs no registration: it lies where the active view says."""

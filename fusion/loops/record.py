@@ -9,7 +9,7 @@ import numpy as np
 from dsmap.fusion.lie import inverse
 from dsmap.fusion.surfels.model_view import ModelView
 from dsmap.fusion.tracking.tracker import Health
-from dsmap.fusion.trajectory import TrajectoryPoint
+from dsmap.fusion.trajectory import Trajectory
 from dsmap.kernels.types import FrameMaps, ModelMaps
 
 
@@ -52,7 +52,7 @@ class LoopQuery:
     maps: ModelMaps
     """The same, finest level, with surfel indices."""
     time: int
-    trajectory: list[TrajectoryPoint]
+    trajectory: Trajectory
     """All frames up to now; a loop moves them with the map."""
     relocalised: bool = False
     """Whether what the frame sees of the map has just become active again."""

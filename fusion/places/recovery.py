@@ -47,7 +47,7 @@ class Recovery:
         return self._relocaliser.rejected
 
     def find(
-        self, frame: Sequence[FrameMaps], time: int, trajectory: list[TrajectoryPoint]
+        self, frame: Sequence[FrameMaps], time: int, trajectory: Sequence[TrajectoryPoint]
     ) -> np.ndarray | None:
         """T_world_camera of a frame that tracking lost, found in the whole map, or None.
 

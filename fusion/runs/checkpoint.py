@@ -7,15 +7,14 @@ from typing import Any
 
 import numpy as np
 from safetensors import SafetensorError, safe_open
-from safetensors.numpy import save_file
 
 from dsmap.classes import CLASS_NAMES
 from dsmap.config_file import fill
 from dsmap.errors import InputError
-from dsmap.files import atomic_path
 from dsmap.fusion.config import MapConfig
 from dsmap.fusion.mapper import Mapper
 from dsmap.kernels.types import ARRAYS, SurfelMap
+from dsmap.tensor_files import write_tensors
 
 FORMAT = "dsmap.map/2"
 """Marks our files; the number changes when older programs could not read them, or we theirs."""
@@ -36,10 +35,10 @@ def save_map(mapper: Mapper, path: Path | str, run: dict[str, Any] | None = None
     arrays = {name: value for name, value in state.items() if isinstance(value, np.ndarray)}
     plain = {name: value for name, value in state.items() if name not in arrays}
     tensors = dict(mapper.surfels.numpy()) | {
-        "times": np.array([p.time for p in points], dtype=np.float64),
-        "poses": np.array([p.T_world_camera for p in points], dtype=np.float64).reshape(-1, 4, 4),
-        "tracked": np.array([p.tracked for p in points], dtype=np.uint8),
-        "depth_times": np.array([p.depth_time for p in points], dtype=np.float64),
+        "times": points.times,
+        "poses": points.poses,
+        "tracked": points.tracked.astype(np.uint8),
+        "depth_times": points.depth_times,
     }
     tensors |= {f"state.{name}": array for name, array in arrays.items()}
     metadata = {
@@ -51,8 +50,7 @@ def save_map(mapper: Mapper, path: Path | str, run: dict[str, Any] | None = None
         "state": json.dumps(plain),
         "run": json.dumps(run or {}),
     }
-    with atomic_path(path, durable=True) as temporary:
-        save_file({n: np.ascontiguousarray(a) for n, a in tensors.items()}, temporary, metadata=metadata)
+    write_tensors(path, tensors, metadata, durable=True)
 
 
 def read_metadata(path: Path | str) -> dict[str, Any]:

@@ -2,14 +2,12 @@
 
 from typing import Any
 
-import numpy as np
-
 from dsmap.errors import InputError
 from dsmap.frame import Intrinsics
 from dsmap.fusion.config import MapConfig
 from dsmap.fusion.mapper import Mapper
 from dsmap.fusion.segmenter import Segmenter
-from dsmap.fusion.trajectory import TrajectoryPoint
+from dsmap.fusion.trajectory import Trajectory
 from dsmap.kernels.types import SurfelMap
 
 
@@ -68,12 +66,8 @@ def _state(meta: dict[str, Any]) -> dict[str, Any]:
     return meta["arrays"] | meta["plain"]
 
 
-def _trajectory(meta: dict[str, Any]) -> list[TrajectoryPoint]:
-    points = zip(meta["times"], meta["poses"], meta["tracked"], meta["depth_times"], strict=True)
-    return [
-        TrajectoryPoint(float(time), T, bool(tracked), None if np.isnan(depth_time) else float(depth_time))
-        for time, T, tracked, depth_time in points
-    ]
+def _trajectory(meta: dict[str, Any]) -> Trajectory:
+    return Trajectory.of_arrays(meta["times"], meta["poses"], meta["tracked"], meta["depth_times"])
 
 
 def _does_not_fit(where: str, error: Exception) -> InputError:

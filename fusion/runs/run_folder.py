@@ -5,20 +5,17 @@ import resource
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from dsmap.classes import write_classes
 from dsmap.files import atomic_path, write_json
 from dsmap.fusion.loops.record import record_values
 from dsmap.fusion.mapper import Mapper
 from dsmap.fusion.runs.checkpoint import save_map
 from dsmap.fusion.runs.ply import write_ply, write_trajectory
+from dsmap.fusion.stage_clock import WARM_UP
 from dsmap.fusion.trajectory import TrajectoryPoint, at_colour_stamps
 
 CHECKPOINT = "checkpoint.safetensors"
 """Name of the checkpoint in a RUN folder."""
-WARM_UP = 5
-"""First frames that speed figures leave out: caches are cold and buffers grow."""
 
 
 def save_run(
@@ -58,8 +55,8 @@ def statistics(mapper: Mapper, skipped: int, wall_s: float) -> dict[str, Any]:
     frames, tracked = len(points), sum(point.tracked for point in points)
     weight, loops = surfels.numpy()["weight"], _loops(mapper)
     living = int((weight > 0).sum())
-    stages = {name: float(np.mean(ms[WARM_UP:] or ms)) for name, ms in mapper.stages_ms.items() if ms}
-    busy_ms = sum(sum(ms[WARM_UP:] or ms) for ms in mapper.stages_ms.values())
+    stages = {name: stage.mean_ms for name, stage in mapper.stages.items()}
+    busy_ms = sum(stage.counted_ms for stage in mapper.stages.values())
     counted = max(frames - WARM_UP, 0) or frames
     return {
         "map": {

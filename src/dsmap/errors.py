@@ -11,3 +11,7 @@ class InputError(Exception):
 
 class InputWarning(UserWarning):
     """Input that can be worked with, though less well; the message says why, and what is done."""
+
+
+class WriteError(InputError):
+    """What was to be written could not be: a full disk, a folder without permission."""

@@ -10,7 +10,7 @@ from typing import Any
 
 import yaml
 
-from dsmap.errors import InputError
+from dsmap.errors import InputError, WriteError
 
 
 @contextlib.contextmanager
@@ -22,7 +22,7 @@ def atomic_path(path: Path | str, durable: bool = False) -> Iterator[Path]:
     The temporary name keeps the suffix, so that writers which look at it (images, arrays) still work.
 
     Raises:
-        InputError: the folder cannot be written.
+        WriteError: the disk is full, or the folder cannot be written.
     """
     path = Path(path)
     temporary = path.with_name(f".{path.stem}.{os.getpid()}.tmp{path.suffix}")
@@ -35,7 +35,7 @@ def atomic_path(path: Path | str, durable: bool = False) -> Iterator[Path]:
                 os.fsync(file.fileno())
         os.replace(temporary, path)
     except OSError as error:
-        raise InputError(f"cannot write {path}: {error.strerror or error}") from error
+        raise WriteError(f"cannot write {path}: {error.strerror or error}") from error
     finally:
         with contextlib.suppress(OSError):  # a parent that is a file must not hide the error above
             temporary.unlink(missing_ok=True)

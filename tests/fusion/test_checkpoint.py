@@ -28,7 +28,7 @@ def everything(m: Mapper) -> dict[str, np.ndarray]:
     """All that a mapper holds, as arrays; milliseconds are left out."""
     state = m.state()
     plain = {name: value for name, value in state.items() if not isinstance(value, np.ndarray)}
-    out = {n: a for n, a in state.items() if n not in plain and not n.startswith("stage.")}
+    out = {n: a for n, a in state.items() if n not in plain and not n.startswith("clock.")}
     out |= {f"surfel.{name}": array for name, array in m.surfels.numpy().items()}
     out["trajectory"] = np.array([p.T_world_camera for p in m.trajectory])
     out["tracked"] = np.array([p.tracked for p in m.trajectory])

@@ -7,8 +7,11 @@ import loop_room
 import numpy as np
 import pytest
 
-from dsmap.frame import Frame
+from dsmap.frame import Frame, Intrinsics
+from dsmap.fusion.config import MapConfig
 from dsmap.fusion.lie import exp_se3
+from dsmap.fusion.mapper import Mapper
+from dsmap.kernels.camera import make_camera
 from dsmap.kernels.launch import BLOCK
 from dsmap.metrics import ate_rmse
 
@@ -62,3 +65,36 @@ def test_a_long_run_in_one_place_is_flat():
     )
     assert memory[-1] - memory[turns // 2] < 8 << 20, "no memory for a surface that is known"
     assert ate_rmse(np.array(poses), np.array(given)) < 0.03
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="resident memory is read from Linux' /proc")
+def test_a_frame_leaves_nothing_in_memory_but_its_pose():
+    """The frames are made before: the process holds nothing that grows but the mapper. DSMAP_SOAK_FRAMES=20000
+    is the whole of it: 5 MB over 18,000 frames."""
+    frames = int(os.environ.get("DSMAP_SOAK_FRAMES", 4000))
+    intrinsics, rng = Intrinsics(96, 72, 82.5, 82.5, 47.5, 35.5), np.random.default_rng(0)
+    seen = []
+    for step in range(1000):
+        T = loop_room.pose(step) @ exp_se3(
+            np.array([0, 0.1 * np.sin(step / 37), 0.1 * np.sin(step / 53), 0, 0, 0])
+        )
+        rgb, depth = loop_room.look(T, camera=make_camera(intrinsics))
+        depth += (rng.normal(0, 0.0012, depth.shape) * depth**2).astype(np.float32)
+        seen.append((rgb, depth))
+    mapper = Mapper(MapConfig(depth_max=6.0), intrinsics)
+    memory = np.full(frames // 100 + 1, 1)
+    for index in range(frames):
+        there_and_back = index % 1998
+        result = mapper.step(Frame(index, index / 30, *seen[min(there_and_back, 1998 - there_and_back)]))
+        assert result.tracked, f"frame {index}: {result.reason}"
+        if index % 100 == 99:
+            memory[index // 100] = resident_bytes()
+            if index % 1000 == 999:
+                print(
+                    index + 1,
+                    f"{memory[index // 100] / 2**20:.2f} MiB, {mapper.surfels.count} surfels",
+                    flush=True,
+                )
+    settled = memory[19 : frames // 100]
+    assert settled.max() - settled[0] < 5e6

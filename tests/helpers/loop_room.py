@@ -7,7 +7,7 @@ from dsmap.frame import Frame, Intrinsics
 from dsmap.fusion.config import MapConfig
 from dsmap.fusion.lie import exp_se3
 from dsmap.fusion.mapper import Mapper
-from dsmap.kernels.camera import make_camera
+from dsmap.kernels.camera import Camera, make_camera
 
 INTRINSICS = Intrinsics(128, 96, 110.0, 110.0, 63.5, 47.5)
 _CAMERA = make_camera(INTRINSICS)
@@ -22,9 +22,11 @@ AWAY, DRIFT = 52, np.array([0.06, 0.0, 0.05, 0.0, 0.02, 0.0])
 """Steps of the turn away, and the twist that is put into the map as its drift."""
 
 
-def look(T_world_camera: np.ndarray, paper: int = 0) -> tuple[np.ndarray, np.ndarray]:
+def look(
+    T_world_camera: np.ndarray, paper: int = 0, camera: Camera = _CAMERA
+) -> tuple[np.ndarray, np.ndarray]:
     """Colour and depth of the room with four boxes in it; another `paper` is other wallpaper on the same walls."""
-    direction = reference.rays(_CAMERA) @ T_world_camera[:3, :3].T
+    direction = reference.rays(camera) @ T_world_camera[:3, :3].T
     origin = T_world_camera[:3, 3]
     with np.errstate(divide="ignore", invalid="ignore"):
         depth = np.maximum((_LOW - origin) / direction, (_HIGH - origin) / direction).min(axis=-1)
@@ -77,8 +79,7 @@ def drift(m: Mapper, xi: np.ndarray, first: int) -> None:
         of, T = surfels["t_created"] == time, bend(int(time))
         surfels["position"][of] = surfels["position"][of] @ T[:3, :3].T + T[:3, 3]
         surfels["normal"][of] = surfels["normal"][of] @ T[:3, :3].T
-    for time, point in enumerate(m.trajectory):
-        point.T_world_camera = bend(time) @ point.T_world_camera
+    m.trajectory.set_poses(np.array([bend(time) for time in range(m.time)]) @ m.trajectory.poses)
     m.model.blocks.forget()
     m.T_world_camera = m.trajectory[-1].T_world_camera.copy()
     m.model.predict(m.T_world_camera)

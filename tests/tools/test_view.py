@@ -7,6 +7,7 @@ import shutil
 import socket
 import subprocess
 import time
+import urllib.error
 import urllib.request
 
 import cv2
@@ -98,7 +99,7 @@ def test_page_in_a_headless_browser(run_dir, tmp_path):
     arrays, poses, _ = read_run(run_dir)
     viewer = MapViewer(Cloud(arrays, 100_000), poses, 0, "127.0.0.1", _free_port(), "test")
     try:
-        with _browser(chromium, tmp_path, viewer.server.get_port()) as page:
+        with _browser(chromium, tmp_path, viewer.address) as page:
             text = _wait(lambda: t if "Camera path" in (t := page.text()) else None)
             for words in (
                 "Point size",
@@ -123,6 +124,52 @@ def test_page_in_a_headless_browser(run_dir, tmp_path):
             _wait(lambda: page.share(CEILING) > 0.02 or None)
     finally:
         viewer.server.stop()
+
+
+def test_the_viewer_lets_in_who_has_its_address_and_nobody_else(run_dir, monkeypatch):
+    viser = pytest.importorskip("viser")
+    from websockets.exceptions import InvalidStatus
+    from websockets.sync.client import connect
+
+    from dsmap.tools.support.viewer import Cloud, MapViewer
+
+    arrays, poses, _ = read_run(run_dir)
+    viewer = MapViewer(Cloud(arrays, 1000), poses, 0, "127.0.0.1", _free_port(), "test")
+    shared = []
+    monkeypatch.setattr(viewer.server, "request_share_url", lambda *a, **k: shared.append(1))
+    port, secret = viewer.server.get_port(), viewer.guard.token
+
+    def first_bytes(path: str, **headers) -> int:
+        with socket.create_connection(("127.0.0.1", port)) as tcp:
+            page = f"ws://localhost:{port}/{path}"
+            with connect(
+                page, sock=tcp, subprotocols=[f"viser-v{viser.__version__}"], compression=None,
+                origin=headers.pop("Origin", None), additional_headers=headers,
+            ) as client:  # fmt: skip
+                client.send(b"\x81\xa4type\xafShareUrlRequest")
+                return len(client.recv(timeout=30))
+
+    try:
+        here = f"http://localhost:{port}"
+        assert first_bytes(secret) > 0 and first_bytes(secret, Origin=here) > 0
+        strangers = [
+            ("", {}), ("guessed", {"Origin": here}), ("", {"Origin": here}),
+            (secret, {"Origin": "http://evil.example"}), (secret, {"Origin": "null"}),
+            (secret, {"Origin": "http://localhost:1"}),
+        ]  # fmt: skip
+        for path, headers in strangers:
+            with pytest.raises(InvalidStatus, match="403"):
+                first_bytes(path, **headers)
+        assert viewer.guard.refusal(f"/{secret}/", {"Host": f"localhost:{port}"}) is None
+        rebound = viewer.guard.refusal(f"/{secret}/", {"Host": f"evil.example:{port}"})
+        assert rebound is not None and "evil.example" in rebound
+        with pytest.raises(urllib.error.HTTPError, match="403"):
+            urllib.request.urlopen(here)
+        with urllib.request.urlopen(viewer.address) as page:
+            assert b"Viser" in page.read() and page.headers["Referrer-Policy"] == "no-referrer"
+    finally:
+        viewer.server.stop()
+    assert not shared, "a page can open no public tunnel"
 
 
 class Page:
@@ -174,7 +221,7 @@ def _wait(check, seconds: float = 60):
 
 
 @contextlib.contextmanager
-def _browser(chromium: str, folder, port: int):
+def _browser(chromium: str, folder, url: str):
     """A page in headless Chromium with WebGL in software."""
     from websockets.sync.client import connect
 
@@ -184,7 +231,7 @@ def _browser(chromium: str, folder, port: int):
         "--disable-component-update --disable-sync --use-gl=angle --use-angle=swiftshader "
         f"--enable-unsafe-swiftshader --window-size=900,600 --remote-debugging-port={debug}"
     ).split()
-    command = [chromium, *flags, f"--user-data-dir={folder / 'profile'}", f"http://localhost:{port}"]
+    command = [chromium, *flags, f"--user-data-dir={folder / 'profile'}", url]
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
 
     def address() -> str | None:

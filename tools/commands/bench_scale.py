@@ -17,7 +17,7 @@ from dsmap.frame import Frame, Intrinsics
 from dsmap.fusion.config import MapConfig
 from dsmap.fusion.labels.semantics import GroundTruthSegmenter
 from dsmap.fusion.mapper import Mapper
-from dsmap.fusion.runs.run_folder import WARM_UP
+from dsmap.fusion.stage_clock import WARM_UP
 from dsmap.kernels.launch import all_blocks
 from dsmap.kernels.types import SurfelMap
 from dsmap.tools.support.parse import parse_size
@@ -78,20 +78,23 @@ def measure(counts: list[int], frames: int, size: tuple[int, int], device: str, 
         walk_everything(mapper)
     gc.collect()
     frame_ms: list[list[float]] = [[] for _ in counts]
+    stages_ms: list[dict[str, list[float]]] = [{} for _ in counts]
     for frame in seen[STILL:]:
-        for mapper, times in zip(mappers, frame_ms, strict=True):
+        for mapper, times, stages in zip(mappers, frame_ms, stages_ms, strict=True):
             start = time.perf_counter()
-            mapper.step(frame)
+            result = mapper.step(frame)
             times.append(1000 * (time.perf_counter() - start))
-    return {"size": list(size), "frames": frames, "walk": walk, "device": device,
-            "maps": [_figures(m, ms[WARM_UP:]) for m, ms in zip(mappers, frame_ms, strict=True)]}  # fmt: skip
+            for name, ms in result.stages_ms.items():
+                stages.setdefault(name, []).append(ms)
+    measured = zip(mappers, frame_ms, stages_ms, strict=True)
+    maps = [_figures(mapper, ms[WARM_UP:], stages) for mapper, ms, stages in measured]
+    return {"size": list(size), "frames": frames, "walk": walk, "device": device, "maps": maps}
 
 
 def in_larger_map(mapper: Mapper, surfels: SurfelMap) -> Mapper:
     """A mapper that goes on where another is, in a larger map around the same surfels."""
     other = Mapper(mapper.config, mapper.intrinsics, mapper.segmenter, surfels=surfels)
     other.load_state(mapper.state() | {"sweep": [0, 0]}, mapper.trajectory)
-    other.stages_ms.clear()
     return other
 
 
@@ -165,7 +168,7 @@ def surround(seen: SurfelMap, room: dict[str, np.ndarray], count: int) -> Surfel
     return result
 
 
-def _figures(mapper: Mapper, frame_ms: list[float]) -> dict[str, Any]:
+def _figures(mapper: Mapper, frame_ms: list[float], stages_ms: dict[str, list[float]]) -> dict[str, Any]:
     m = mapper.surfels
     arrays = m.numpy()
     start = time.perf_counter()
@@ -181,8 +184,8 @@ def _figures(mapper: Mapper, frame_ms: list[float]) -> dict[str, Any]:
         "growth_ms": grown_ms,
         "bytes_per_surfel": sum(array.nbytes for array in arrays.values()) / m.count,
         "culling_bytes_per_surfel": mapper.model.blocks.nbytes / m.capacity,
-        "tracked": sum(point.tracked for point in mapper.trajectory[-len(frame_ms) :]),
-        "stages_ms": {name: float(np.median(ms[WARM_UP:])) for name, ms in mapper.stages_ms.items()},
+        "tracked": int(mapper.trajectory.tracked[-len(frame_ms) :].sum()),
+        "stages_ms": {name: float(np.median(ms[WARM_UP:])) for name, ms in stages_ms.items()},
     }
 
 

@@ -23,7 +23,7 @@ class Args:
     """Port of the viewer; the next free one is taken if it is in use."""
     host: str = "127.0.0.1"
     """Address to listen on. The default is reached from this machine only (or through SSH); 0.0.0.0 lets
-    everybody in the network look."""
+    everybody in the network look who knows the whole address, its secret included."""
     max_points: int = 1_500_000
     """Send at most this many points to the browser; a larger map is thinned out evenly."""
     min_confidence: float = 10.0
@@ -47,7 +47,7 @@ def main(args: Args) -> int:
     )
     port = viewer.server.get_port()
     print(f"{args.run}: {len(arrays['weight']):,} surfels, {len(cloud):,} of them sent to the browser")
-    print(f"open http://localhost:{port}   (Ctrl-C ends)")
+    print(f"open {viewer.address}   (Ctrl-C ends)")
     print(f"over SSH, first run on your own machine: ssh -L {port}:localhost:{port} <this host>", flush=True)
     try:
         while True:

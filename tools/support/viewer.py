@@ -7,10 +7,13 @@ from dataclasses import dataclass, field
 import numpy as np
 import viser
 from scipy.spatial.transform import Rotation
+from viser import _messages
 
 from dsmap.classes import CLASS_NAMES, PALETTE, colourise
+from dsmap.errors import InputError
 from dsmap.fusion.pictures.pictures import confidence_colours, shown_weight, time_colours
 from dsmap.fusion.pictures.viewpoint import overview, up_direction
+from dsmap.tools.support.viewer_guard import Guard
 
 MODES = ("colour", "label", "confidence", "time")
 _FRUSTA = 24
@@ -69,7 +72,7 @@ class MapViewer:
         title: str,
         up: np.ndarray | None = None,
     ) -> None:
-        """Start the server.
+        """Start the server; only who has its `address` gets in (see `viewer_guard`).
 
         Args:
             cloud: at least one point.
@@ -84,8 +87,18 @@ class MapViewer:
         self.up = up_direction(shown["normal"], poses) if up is None else up
         self.view = overview(shown, poses, 1280, 960, up=self.up)
         self.eye = self.view.T_world_camera[:3, 3]
-        with contextlib.redirect_stdout(io.StringIO()):  # its banner: the caller says where to look
+        self.guard = Guard(host)
+        with (
+            contextlib.redirect_stdout(io.StringIO()),
+            self.guard.in_front(),
+        ):  # the caller says where to look
             self.server = viser.ViserServer(host=host, port=port, label=f"dsmap: {title}", verbose=False)
+        if not self.guard.at_work:
+            self.server.stop()
+            raise InputError(
+                f"viser {viser.__version__} cannot be guarded; expected a version of constraints.txt"
+            )
+        refuse_sharing(self.server)
         self.server.gui.configure_theme(show_logo=False, show_share_button=False)
         self.server.scene.set_up_direction(self.up)
         self._place_camera()
@@ -100,6 +113,11 @@ class MapViewer:
             point_shading="flat",
         )
         self.update()
+
+    @property
+    def address(self) -> str:
+        """Where a browser of this machine finds the page; nobody gets in without its secret."""
+        return f"http://localhost:{self.server.get_port()}/{self.guard.token}/"
 
     def update(self) -> None:
         """Send what the switches ask for."""
@@ -175,6 +193,12 @@ class MapViewer:
         camera.look_at = self.eye + forward * max(distance, 0.1)
         camera.up = self.up
         camera.fov = 2 * np.arctan(0.5 * self.view.intrinsics.height / self.view.intrinsics.fy)
+
+
+def refuse_sharing(server: viser.ViserServer) -> None:
+    """Let no message of a page open a public tunnel to this server."""
+    for message in (_messages.ShareUrlRequest, _messages.ShareUrlDisconnect):
+        server._websock_server.unregister_handler(message)
 
 
 def _swatch(i: int) -> str:
