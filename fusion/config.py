@@ -1,7 +1,17 @@
 """Every parameter of mapping, with the published constants as defaults (sources in docs/method/overview.md)."""
 
+import dataclasses
+import math
 from dataclasses import dataclass, field
 from typing import Literal
+
+from dsmap.errors import InputError
+from dsmap.sequences import Sequence
+
+_KINECT_REACH = 4.0
+"""Metres to which Kinect-like sensors are made to measure."""
+_MAX_READOUT_S = 0.1
+"""Nobody reads an image for longer than three frames."""
 
 
 @dataclass
@@ -19,13 +29,13 @@ class TrackConfig:
     """w_rgb falls to this times (mean squared point-to-plane distance / mean squared intensity difference) where
     that is less: exact depth must not be pulled off by shading and compression."""
     max_distance: float = 0.10
-    """ICP gate: distance between associated points [m]."""
+    """ICP gate: largest distance between associated points [m]."""
     max_angle_deg: float = 20.0
-    """ICP gate: angle between associated normals [deg]."""
+    """ICP gate: largest angle between associated normals [deg]."""
     min_gradient: tuple[float, ...] = (5.0, 3.0, 1.0)
     """Photometric gate a level: smallest unnormalised Sobel sum [8-bit units]."""
     max_intensity_step: float = 0.3
-    """Photometric gate: larger differences are occlusions or highlights."""
+    """Photometric gate: largest difference of intensities; larger ones are occlusions or highlights."""
     huber_icp: float = 0.01
     """Residual [m] from which ICP weights fall; 0 = plain least squares."""
     huber_rgb: float = 0.05
@@ -35,31 +45,33 @@ class TrackConfig:
     exposure: bool = True
     """The photometric term allows for another exposure of the frame than of the model: one factor a frame."""
     so3: bool = True
-    """Rotation-only pre-alignment on the coarsest level."""
+    """Tracking begins with a pre-alignment of the rotation alone on the coarsest level."""
     min_inlier_fraction: float = 0.1
-    """Fewer associated pixels (of those with depth that fall into the model view): the frame is lost."""
+    """A frame is lost if a smaller share of its pixels (of those with depth that fall into the model view) is
+    associated."""
     max_rms: float = 0.03
-    """Larger RMS of inlier point-to-plane residuals [m]: the frame is lost."""
+    """A frame is lost if the RMS of its inliers' point-to-plane residuals is larger [m]."""
     max_std: float = 0.02
-    """Largest standard deviation of the pose, in any direction [m, rad], that still counts as tracked."""
+    """A frame is lost if the standard deviation of its pose is larger in any direction [m, rad]."""
     motion: bool = True
     """The last frames' motion is one more measurement, as certain as it has been steady."""
     min_acceleration: float = 0.5
-    """... a camera accelerates by at least this [m/s^2] (RMS an axis; more where it has been seen to)..."""
+    """The motion prior expects at least this acceleration [m/s^2] (RMS an axis; more where it has been seen)."""
     min_angular_acceleration: float = 3.0
-    """... and turns with at least this [rad/s^2]."""
+    """The motion prior expects at least this angular acceleration [rad/s^2] (RMS an axis)."""
     predict_every: int = 2
-    """The model is predicted in every n-th frame, and in between where the camera has left the last view..."""
+    """The model is predicted in every n-th frame, and in between where the camera has left the last predicted view."""
     predict_distance: float = 0.02
-    """... by this much [m]..."""
+    """The camera has left the last predicted view when it has moved this far [m]."""
     predict_angle_deg: float = 1.5
-    """... or this much [deg]: a view from so near shows the same."""
+    """The camera has left the last predicted view when it has turned this far [deg]."""
     doubt_distance: float = 0.03
-    """A pose this far [m] from where constant motion would lead is compared with the map over the whole image..."""
+    """A pose this far [m] from where constant motion leads is compared with the map over the whole image."""
     doubt_angle_deg: float = 3.0
-    """... and one turned this far from it..."""
+    """A pose turned this far [deg] from where constant motion leads is compared with the map over the whole image."""
     doubt_inlier_fraction: float = 0.4
-    """... and one with fewer matched pixels; also every first pose after lost frames."""
+    """A pose with a smaller share of matched pixels is compared with the map over the whole image; so is every first
+    pose after lost frames."""
 
 
 @dataclass
@@ -67,17 +79,18 @@ class SurfelConfig:
     """The surfel map."""
 
     max_ray_distance: float = 0.05
-    """Association: distance along the viewing ray [m]..."""
+    """Association: largest distance along the viewing ray [m]; far away ray_distance_z2 allows more."""
     ray_distance_z2: float = 0.008
-    """... or this times depth squared [1/m], where that is more: three sigma of a Kinect-like sensor."""
+    """Association: largest distance along the viewing ray as a multiple of depth squared [1/m], where that is more than
+    max_ray_distance: three sigma of a Kinect-like sensor."""
     max_angle: float = 0.5
-    """Association: angle between normals [rad]."""
+    """Association: largest angle between normals [rad]."""
     stable_weight: float = 10.0
-    """Surfel confidence from which a surfel is stable."""
+    """A surfel is stable from this confidence on."""
     unstable_frames: int = 20
     """An unstable surfel not seen for this many frames is dropped."""
     clean_every: int = 3
-    """Clean up in every n-th frame."""
+    """Unstable surfels are dropped and the map is compacted in every n-th frame."""
     active_window: int = 400
     """Surfels updated within this many frames are active; with loops off all are."""
 
@@ -87,14 +100,14 @@ class LabelConfig:
     """Label fusion (Eq. 5-6)."""
 
     rule: Literal["bayes", "mean", "geometric"] = "geometric"
-    """bayes: the paper's product (Eq. 5-6), over-confident by nature; geometric: its n-th root, the same labels with
-    honest probabilities; mean: arithmetic mean of probabilities."""
+    """How a surfel's labels of many views are combined. bayes: the paper's product (Eq. 5-6), over-confident by
+    nature; geometric: its n-th root, the same labels with honest probabilities; mean: arithmetic mean."""
     every: int = 0
     """Segment every n-th frame; 0: keyframes only, which make better maps: neighbouring frames repeat a mistake."""
     keyframe_distance: float = 0.1
-    """A keyframe has moved this far [m] from the last one..."""
+    """A frame becomes a keyframe for labels when it has moved this far [m] from the last one."""
     keyframe_angle_deg: float = 6.0
-    """... or turned this much [deg]."""
+    """A frame becomes a keyframe for labels when it has turned this far [deg] from the last one."""
     floor: float = 1e-3
     """Smallest probability of a class: one zero must not kill a class for good."""
     smooth: float = 0.1
@@ -110,30 +123,32 @@ class LoopConfig:
     """Loop closure (Eq. 4). Pixel counts and covariances are those of a 640x480 image and are scaled."""
 
     mode: Literal["on", "local", "global", "off"] = "on"
-    """local: active view against inactive view; global: by keyframes; off: no window, one map for good."""
+    """Close loops. local: active view against inactive view; global: by keyframes; on: both; off: none, and no search
+    when the camera is lost."""
     view_width: int = 320
     """The inactive model is predicted on the finest pyramid level of at most this many columns."""
     iterations: int = 10
     """Gauss-Newton iterations a level of registering the active view to the inactive one."""
     max_mean_square: float = 5e-5
-    """Gate: mean squared point-to-plane distance [m^2]."""
+    """Gate of a loop: largest mean squared point-to-plane distance [m^2]."""
     min_inliers: int = 35000
-    """Gate: matched pixels."""
+    """Gate of a loop: least number of matched pixels."""
     max_covariance: float = 4e-4
-    """Gate: every diagonal entry of (J^T J)^-1 for E_icp + 0.1 E_rgb in metres (1e-5 for 100 E_icp + E_rgb would be
-    1e-3). Measured on a rendered flat: errors of 1 to 7 mm below 4e-4, of 9 to 27 mm from 5e-4 to 1e-3."""
+    """Gate of a loop: largest diagonal entry of (J^T J)^-1 for E_icp + 0.1 E_rgb in metres (1e-5 for 100 E_icp + E_rgb
+    would be 1e-3). Measured on a rendered flat: errors of 1 to 7 mm below 4e-4, of 9 to 27 mm from 5e-4 to 1e-3."""
     min_agreement: float = 0.7
-    """Gate: share of the pixels seen in both views, after registration, that are one surface."""
+    """Gate of a loop: least share of the pixels seen in both views, after registration, that are one surface."""
     min_ncc: float = 0.4
-    """Gate: correlation of the intensities, local mean taken off; another place of the same shape has other colours."""
+    """Gate of a loop: least correlation of the intensities, local mean taken off; another place of the same shape has
+    other colours."""
     max_drift: float = 0.05
-    """Gate: a loop moves the camera by at most this share of the way since, plus 5 cm."""
+    """Gate of a loop: it moves the camera by at most this share of the way since, plus 5 cm."""
     negligible: float = 0.04
     """Views that differ by less than this [m RMS] are one: inactive surfels become active, nothing is deformed.
     So much is within the gates of tracking (10 cm) and association (5 cm), which pull it together where it is; a
     deformation would spread it over the whole way since, most of which was right."""
     min_overlap: float = 0.25
-    """Gate: share of the image that both views see; narrower strips register with errors of 2 cm."""
+    """Gate of a loop: least share of the image that both views see; narrower strips register with errors of 2 cm."""
     trust: int = 30
     """After a loop, surfels that come into view need only agree with the active view for this many frames."""
     retry: int = 3
@@ -153,7 +168,7 @@ class FernConfig:
     width: int = 80
     """Columns of the small view [px]; its height follows from the image."""
     seed: int = 0
-    """Of the ferns' pixels and thresholds."""
+    """Seed of the ferns' pixels and thresholds."""
     novelty: float = 0.3
     """A view at least this unlike every keyframe (share of ferns that differ) becomes a keyframe."""
     min_overlap: float = 0.3
@@ -173,34 +188,37 @@ class RelocaliseConfig:
     rounds: int = 2
     """Registrations at full size, each against the model predicted anew."""
     small_inlier_fraction: float = 0.25
-    """The small views register if this share of the pixels finds a partner."""
+    """Small views of frame and keyframe register if this share of the pixels finds a partner."""
     min_inlier_fraction: float = 0.2
     """Share of the frame's pixels with depth that must match the model."""
     max_rms: float = 0.015
-    """Largest RMS of point-to-plane residuals [m]."""
+    """A found pose has at most this RMS of point-to-plane residuals [m]."""
     max_std: float = 0.005
-    """Largest standard deviation of the pose, in any direction [m, rad]."""
+    """A found pose has at most this standard deviation in any direction [m, rad]."""
     slack: float = 0.02
-    """Whole image: depths that differ by less than this [m]..."""
+    """Depths of frame and model agree if they differ by less than this [m], plus slack_z2 times depth squared."""
     slack_z2: float = 0.01
-    """... plus this times depth squared [1/m] agree."""
+    """Depths of frame and model agree if they differ by less than slack plus this times depth squared [1/m]."""
     min_overlap: float = 0.25
-    """Share of the frame's depth image that the model covers."""
+    """The model covers at least this share of the frame's depth image."""
     min_same: float = 0.8
-    """Share of that in which the depths agree."""
+    """The depths agree in at least this share of what the model covers."""
     max_seen_through: float = 0.1
-    """Share of that in which the frame looks through a surface of the model."""
+    """The frame looks through a surface of the model in at most this share of what the model covers."""
     certain_seen_through: float = 0.02
-    """A pose that was found with less than this is believed at once. True poses of rendered rooms have at most 1 %,
-    those of a Kinect up to 7 %; one that sat a kitchen cabinet too far had 4 %..."""
+    """A pose is believed at once if the frame looks through the model in less than this share; from more, `sightings`
+    frames have to agree. True poses of rendered rooms have at most 1 %, those of a Kinect up to 7 %; one that sat a
+    kitchen cabinet too far had 4 %."""
     sightings: int = 3
-    """... so with more, this many frames in a row have to find the same place."""
+    """A pose that is not certain is believed once this many frames in a row have found the same place."""
     min_ncc: float = 0.55
-    """Correlation of the intensities, local mean taken off."""
+    """The intensities of frame and model correlate by at least this, local mean taken off."""
     min_texture: float = 0.55
-    """The same with contrast made alike everywhere: the grain of a door, not only its frame, has to fit."""
+    """The intensities correlate by at least this with contrast made alike everywhere: the grain of a door, not only its
+    frame, has to fit."""
     max_rival: float = 0.01
-    """What another shift of the image may add to that: more, and the true place is a repetition further."""
+    """Another shift of the image may raise the correlation of textures by at most this: if it raises it more, the true
+    place is a repetition further."""
 
 
 @dataclass
@@ -210,23 +228,23 @@ class GraphConfig:
     spacing: int = 5000
     """One node per this many surfels, at 640x480; scaled with the number of pixels."""
     min_nodes: int = 32
-    """A small map has this many nodes nevertheless..."""
+    """A small map has at least this many nodes."""
     max_nodes: int = 3000
-    """... and a large one no more than this: the time of a fit grows with the nodes."""
+    """A large map has at most this many nodes: the time of a fit grows with them."""
     window: int = 20
     """Nodes that may move a point: those nearest to its time, and half as many as this before and after them."""
     w_rot: float = 1.0
-    """Weight of E_rot: nodes move rigidly."""
+    """Weight of E_rot, by which nodes move rigidly."""
     w_reg: float = 10.0
-    """Weight of E_reg: neighbours agree."""
+    """Weight of E_reg, by which neighbouring nodes agree."""
     w_con: float = 100.0
     """Weight of constraints and pins."""
     iterations: int = 20
-    """Gauss-Newton iterations at most."""
+    """A fit of the graph takes at most this many Gauss-Newton iterations."""
     max_constraint: float = 0.02
-    """A fit is refused if constraints or pins are off by more than this [m, RMS]..."""
+    """A fit is refused if constraints or pins are off by more than this [m, RMS]."""
     max_strain: float = 0.05
-    """... or if it strains the map by more than this (RMS of E_rot)."""
+    """A fit is refused if it strains the map by more than this (RMS of E_rot)."""
 
 
 @dataclass
@@ -234,32 +252,36 @@ class MovingConfig:
     """People and objects that move."""
 
     mode: Literal["mask", "off"] = "mask"
-    """mask: points in what was free space lately are neither fused nor labelled; off: fuse everything."""
+    """What happens to moving things. mask: points in what was free space lately are neither fused nor labelled; off:
+    everything is fused."""
     memory: int = 60
     """What has stood still for this many frames is static."""
     width: int = 160
     """Moving things are looked for on the finest pyramid level of at most this many columns."""
     min_share: float = 0.002
-    """Smaller things, as a share of the image, count as noise."""
+    """A moving thing that fills less than this share of the image counts as noise."""
 
 
 @dataclass
 class MapConfig:
-    """All of a run's parameters."""
+    """All of a run's parameters; those that are None come from the recording's calibration."""
 
     device: str = "cpu"
-    """Warp device: cpu or cuda:0."""
+    """Where kernels and network run: cpu, cuda, cuda:N or auto (cuda where there is one)."""
     depth_min: float = 0.3
-    """Nearer depth is ignored [m]."""
-    depth_max: float = 4.0
-    """Farther depth is ignored [m], by tracking, fusion and labels alike. Kinect-like sensors are made for 4 m."""
+    """Ignore nearer depth [m], in tracking, fusion and labels alike."""
+    depth_max: float | None = None
+    """Ignore farther depth [m], in tracking, fusion and labels alike; without it the calibration's depth_max, else 4,
+    what Kinect-like sensors are made for."""
     poses: Literal["track", "given"] = "track"
     """track: estimate the camera's motion; given: take the recording's poses."""
-    readout_s: float = 0.0
-    """Rolling shutter: time from an image's first row to its last [s]; 0: all rows at once, negative: from below."""
+    readout_s: float | None = None
+    """Rolling shutter: time from an image's first row to its last [s]; 0: all rows at once, negative: from below;
+    without it the calibration's, else 0."""
     camera_up: Literal["auto", "top", "right", "bottom", "left"] = "auto"
     """The side of the image that is up, roughly: networks are shown upright images, and up begins there. auto: the
-    top, or the bottom once the map shows that the camera hangs upside down."""
+    top, or the bottom once the map shows that the camera hangs upside down. A phone held upright is filmed with right
+    or left."""
     track: TrackConfig = field(default_factory=TrackConfig)
     surfels: SurfelConfig = field(default_factory=SurfelConfig)
     labels: LabelConfig = field(default_factory=LabelConfig)
@@ -268,3 +290,31 @@ class MapConfig:
     ferns: FernConfig = field(default_factory=FernConfig)
     relocalise: RelocaliseConfig = field(default_factory=RelocaliseConfig)
     graph: GraphConfig = field(default_factory=GraphConfig)
+
+    @property
+    def depth_range(self) -> tuple[float, float]:
+        """Nearest and farthest depth that counts [m]."""
+        return self.depth_min, _KINECT_REACH if self.depth_max is None else self.depth_max
+
+    @property
+    def shutter_s(self) -> float:
+        """Time from an image's first row to its last [s]; 0: all rows at once."""
+        return self.readout_s or 0.0
+
+    def resolved_for(self, sequence: Sequence) -> "MapConfig":
+        """A copy in which numbers stand for what was left to the recording's calibration.
+
+        Raises:
+            InputError: the range of depth is empty, or the readout takes longer than any camera's.
+        """
+        far = sequence.depth_max if self.depth_max is None else self.depth_max
+        readout = sequence.readout_s if self.readout_s is None else self.readout_s
+        resolved = dataclasses.replace(self, depth_max=far, readout_s=readout)
+        near, far = resolved.depth_range
+        if not 0 <= near < far < math.inf:
+            raise InputError(f"depth range is {near}..{far} m; expected 0 <= --depth-min < --depth-max")
+        if not abs(readout) <= _MAX_READOUT_S:
+            raise InputError(
+                f"readout_s is {readout}; expected seconds from an image's first row to its last, e.g. 0.026"
+            )
+        return dataclasses.replace(resolved, depth_max=far)

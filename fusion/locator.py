@@ -119,7 +119,7 @@ class Locator:
         if frame.T_world_camera is None:
             return replace(last, reason="no pose is given for this frame")
         T = np.asarray(frame.T_world_camera, dtype=np.float64)
-        rows = row_motion(self.config.readout_s, trajectory, frame.taken, np.eye(4))
+        rows = row_motion(self.config.shutter_s, trajectory, frame.taken, np.eye(4))
         return Located(T, undo_rolling_shutter(self.model.cameras, last.maps, rows, T), True)
 
     def _track(
@@ -136,7 +136,7 @@ class Locator:
                 return last
         T_view_world, t_min = inverse(view.T_world_camera), self.model.view_t_active
         expected = self.motion.expected(trajectory, taken, T_view_world)
-        rows = row_motion(self.config.readout_s, trajectory, taken, T_view_world)
+        rows = row_motion(self.config.shutter_s, trajectory, taken, T_view_world)
         starts = [(True, last.T_world_camera, expected)]
         starts += [(False, T, None) for T in extrapolated(trajectory)[:1]]
         for first, T_start, motion in starts:

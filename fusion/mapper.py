@@ -95,7 +95,7 @@ class Mapper:
             InputError: the frame has not the camera's size.
         """
         frame.check_size(self.intrinsics)
-        depth = clean_depth(frame.depth, self.config.depth_min, self.config.depth_max)
+        depth = clean_depth(frame.depth, *self.config.depth_range)
         return preprocess(frame.rgb, depth, self.model.cameras, self.model.device)
 
     def step(

@@ -15,7 +15,8 @@ import tyro
 
 from dsmap.sequences.calibration import read_calibration
 from dsmap.tools.cli import COMMANDS
-from dsmap.tools.support.presets import load_preset
+from dsmap.tools.mapping.presets import load_preset
+from dsmap.tools.mapping.spelling import spelled_out
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 DOCS = REPOSITORY / "docs"
@@ -97,7 +98,7 @@ def complaint(line: str) -> str:
     said = io.StringIO()
     try:
         with contextlib.redirect_stderr(said), contextlib.redirect_stdout(said):
-            tyro.cli(arguments(command), args=argv)
+            tyro.cli(arguments(command), args=spelled_out(argv) if command == "map" else argv)
     except SystemExit:
         return said.getvalue()
     return ""

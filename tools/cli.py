@@ -76,7 +76,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     ),
 }
 """Command name to (module, one line of help). Each module has `Args` (a dataclass) and `main(args)`, and may have
-`defaults(argv)`: an Args that stands for the flags not given."""
+`parse(argv)`, which makes the Args where more than flags has a say."""
 
 PIPE_CLOSED = 141
 """Exit code where the reader of a pipe has gone, as shells expect: 128 + SIGPIPE."""
@@ -106,10 +106,10 @@ def run(command: str, argv: list[str]) -> int:
     """Parse `argv` for one command and run it; returns the exit code."""
     try:
         module = importlib.import_module(COMMANDS[command][0])
-        about: dict[str, Any] = {"prog": f"dsmap {command}", "description": COMMANDS[command][1]}
-        if hasattr(module, "defaults"):  # a configuration file or a checkpoint says what flags not given mean
-            about["default"] = module.defaults(argv)
-        args = tyro.cli(module.Args, args=argv, **about)
+        if hasattr(module, "parse"):
+            args = module.parse(argv)
+        else:
+            args = tyro.cli(module.Args, args=argv, prog=f"dsmap {command}", description=COMMANDS[command][1])
         return int(module.main(args) or 0)
     except InputError as error:
         print(f"dsmap {command}: {error}", file=sys.stderr)

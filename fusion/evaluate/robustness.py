@@ -113,7 +113,8 @@ def share_in_view(mapper: Mapper, frame: Frame, T_world_camera: np.ndarray) -> f
     mapper.model.views.render(T_world_camera, maps)
     skip = max(width // 320, 1)
     z, model = frame.depth[::skip, ::skip], maps.vertex.numpy()[::skip, ::skip, 2]
-    valid = (z > config.depth_min) & (z < config.depth_max)
+    near, far = config.depth_range
+    valid = (z > near) & (z < far)
     slack = config.relocalise.slack + config.relocalise.slack_z2 * z * z
     shown = valid & (model > 0) & (np.abs(model - z) < slack)
     return float(np.count_nonzero(shown) / max(np.count_nonzero(valid), 1))

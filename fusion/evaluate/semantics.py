@@ -57,7 +57,7 @@ class MapRenderer:
     def __call__(self, T_world_camera: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Labels, uint8 (H, W), 0 where no labelled surfel is seen; class probabilities, (H, W, 13)."""
         render_index(
-            self.run.surfels, self.camera, T_world_camera, max_depth=self.run.config.depth_max,
+            self.run.surfels, self.camera, T_world_camera, max_depth=self.run.config.depth_range[1],
             index=self._index, stable_weight=self.run.config.surfels.stable_weight,
         )  # fmt: skip
         index: np.ndarray = np.asarray(self._index.numpy())

@@ -75,7 +75,7 @@ def evaluate_surface(
 
 def seen_surface(reference: Sequence, mesh: LabelledMesh, run: Run) -> np.ndarray:
     """Points of the mesh seen by reference frames in the run's depth range, one in 2 cm, shape (N, 3)."""
-    chunks = []
+    chunks, (near, far) = [], run.config.depth_range
     for i in evenly_spread(len(reference), _SEEN_FRAMES):
         T = reference.T_world_camera(i)
         if T is None:
@@ -84,7 +84,7 @@ def seen_surface(reference: Sequence, mesh: LabelledMesh, run: Run) -> np.ndarra
             depth = reference.depth(i)
         except InputError:
             continue  # a damaged frame saw nothing
-        seen = (depth >= run.config.depth_min) & (depth <= run.config.depth_max)
+        seen = (depth >= near) & (depth <= far)
         chunks.append(_thin(back_project(depth, reference.intrinsics)[seen] @ T[:3, :3].T + T[:3, 3]))
     if not chunks:
         return np.zeros((0, 3))

@@ -63,12 +63,12 @@ def evaluate_trajectory(
     # Depth of a smaller image is that of the nearest pixel, half a pixel off: a millimetre on slanted surfaces.
     own = reference.calibration.intrinsics
     reference = reference.resized((own.width, own.height))
-    readout_s = run.config.readout_s or reference.readout_s
-    tree["depth_consistency_m"] = consistency_table(reference, poses, run.config.depth_max, readout_s)
+    readout_s = run.config.shutter_s or reference.readout_s
+    tree["depth_consistency_m"] = consistency_table(reference, poses, run.config.depth_range[1], readout_s)
     true_poses: dict[int, np.ndarray] = {}
     if posed:
         true_poses = {j: T for j in poses if (T := reference.T_world_camera(j)) is not None}
-        given_m = consistency_table(reference, true_poses, run.config.depth_max, readout_s)
+        given_m = consistency_table(reference, true_poses, run.config.depth_range[1], readout_s)
         tree["depth_consistency_given_m"] = given_m
     tree |= epipolar_table(reference, poses, true_poses, CONSISTENCY_STEPS, readout_s)
     if sfm:

@@ -49,7 +49,7 @@ class Labeller:
             return None
         if wants_geometry(self.segmenter):
             self.gravity.update(surfels, self.config.surfels.stable_weight, trajectory)
-        frame = corrected_frame(frame, maps) if self.config.readout_s else frame
+        frame = corrected_frame(frame, maps) if self.config.shutter_s else frame
         return segment(self.segmenter, frame, maps, T_world_camera, self.gravity)
 
     def state(self) -> dict[str, Any]:

@@ -44,6 +44,6 @@ def segment_later(
     """`segment` for a frame of a finished map, whose maps are gone; intrinsics are those of the frame."""
     if not wants_geometry(segmenter):
         return segmenter(frame)
-    depth = clean_depth(frame.depth, config.depth_min, config.depth_max)
+    depth = clean_depth(frame.depth, *config.depth_range)
     maps = preprocess(frame.rgb, depth, [make_camera(intrinsics)], chosen_device("cpu"))[0]
     return segment(segmenter, frame, maps, T_world_camera, gravity)

@@ -37,7 +37,7 @@ class Recovery:
         self.views = views
         self._config = config.ferns
         size = small_size(intrinsics, config.ferns.width)
-        self.ferns = FernDatabase(config.ferns, size, (config.depth_min, config.depth_max), config.ferns.seed)
+        self.ferns = FernDatabase(config.ferns, size, config.depth_range, config.ferns.seed)
         self._relocaliser = Relocaliser(config.relocalise, config.track, views.cameras, intrinsics, size)
         self.sightings = Sightings(config.relocalise)
 

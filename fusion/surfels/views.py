@@ -58,9 +58,10 @@ class Views:
         t_max: only blocks that may hold surfels last updated in this frame or before; None: all.
         """
         config = self.config.surfels
-        gate = max(config.max_ray_distance, config.ray_distance_z2 * self.config.depth_max**2)
+        far = self.config.depth_range[1]
+        gate = max(config.max_ray_distance, config.ray_distance_z2 * far**2)
         # A surfel passes the gate along a ray up to a pixel beside its own, so a little further away.
-        reach = (self.config.depth_max + gate) * (1 + 2 / self.cameras[0].fx)
+        reach = (far + gate) * (1 + 2 / self.cameras[0].fx)
         return self.blocks.visible(self.cameras[0], T_world_camera, reach, t_max)
 
     def empty(self, level: int = 0) -> ModelMaps:
@@ -82,7 +83,7 @@ class Views:
         if visible is None:
             visible = self.visible(T_world_camera, t_max if t_max < ALWAYS else None)
         predict_model(
-            self.surfels, self.cameras[level], T_world_camera, max_depth=self.config.depth_max, maps=maps,
+            self.surfels, self.cameras[level], T_world_camera, max_depth=self.config.depth_range[1], maps=maps,
             stable_weight=self.config.surfels.stable_weight, t_min=t_min, t_max=t_max,
             visible=visible,
         )  # fmt: skip

@@ -1,6 +1,10 @@
 """Configurations as plain values: a dataclass of parameters from the nested dict of a YAML or JSON file."""
 
+import ast
 import dataclasses
+import inspect
+import itertools
+import textwrap
 import types
 import typing
 from pathlib import Path
@@ -39,6 +43,15 @@ def fill(default: T, values: dict[str, Any], where: str, strict: bool = True) ->
         else:
             changes[name] = _checked(value, hints[name], f"{where}: {name}")
     return dataclasses.replace(default, **changes)  # type: ignore[type-var]
+
+
+def merged(base: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:
+    """Nested dicts, those of `over` first."""
+    out = dict(base)
+    for key, value in over.items():
+        old = out.get(key)
+        out[key] = merged(old, value) if isinstance(old, dict) and isinstance(value, dict) else value
+    return out
 
 
 def _checked(value: Any, hint: Any, where: str) -> Any:
@@ -94,3 +107,16 @@ def _describe(hint: Any) -> str:
         return "names with values" if origin is dict else "a list"
     names = {float: "a number", int: "a whole number", bool: "true or false", str: "text", Path: "a path"}
     return names.get(hint, str(hint))
+
+
+def field_docs(kind: type) -> dict[str, str]:
+    """Field name to the docstring under it, as one paragraph, of a dataclass written in a file."""
+    body = ast.parse(textwrap.dedent(inspect.getsource(kind))).body[0]
+    docs: dict[str, str] = {}
+    assert isinstance(body, ast.ClassDef)
+    for field, below in itertools.pairwise(body.body):
+        if not isinstance(field, ast.AnnAssign) or not isinstance(field.target, ast.Name):
+            continue
+        if isinstance(below, ast.Expr) and isinstance(below.value, ast.Constant):
+            docs[field.target.id] = " ".join(str(below.value.value).split())
+    return docs

@@ -124,7 +124,7 @@ def _mapped(scene, take, images):
     config = MapConfig(depth_max=8.0, poses="given")
     mapper = Mapper(config, take.camera)
     size = small_size(take.camera, config.ferns.width)
-    ferns = FernDatabase(FernConfig(min_age=0), size, (config.depth_min, config.depth_max))
+    ferns = FernDatabase(FernConfig(min_age=0), size, config.depth_range)
     for i, image in enumerate(images):
         mapper.step(Frame(i, image.time, image.rgb, image.depth, image.T_world_camera))
         view = small_view(mapper.model.maps.colour.numpy(), mapper.model.maps.vertex.numpy()[..., 2], size)

@@ -110,7 +110,9 @@ def test_what_does_not_fit_is_refused(recording, straight, tmp_path, capsys):
 
     out, other = str(straight), record(tmp_path / "other")
     assert "--depth-max is 4.0, but" in refused(str(recording), "--out", out, "--resume", "--depth-max", "4")
-    assert "--track is" in refused(str(recording), "--out", out, "--resume", "--track.w-rgb", "0.3")
+    assert "--track.w-rgb is 0.3, but" in refused(
+        str(recording), "--out", out, "--resume", "--track.w-rgb", "0.3"
+    )
     assert "its stamps are not those" in refused(str(other), "--out", out, "--resume")
     assert "no such file or folder" in refused(str(recording), "--out", str(tmp_path / "no"), "--resume")
     (tmp_path / "early").mkdir()

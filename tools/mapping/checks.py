@@ -2,13 +2,13 @@
 
 import sys
 import warnings
-from typing import Any
 
 from dsmap.errors import InputError, InputWarning
 from dsmap.fusion.config import MapConfig
 from dsmap.fusion.runs.map_recording import Run
 from dsmap.sequences import Sequence
 from dsmap.sequences.pose_conventions import fit_poses
+from dsmap.tools.mapping.options import Args
 from dsmap.tools.support.depth_check import depth_warnings, sample_depth
 
 NO_MAP = 1
@@ -26,15 +26,15 @@ _USUAL_ADVICE = (
 )
 
 
-def check_recording(args: Any, sequence: Sequence, config: MapConfig) -> None:
+def check_recording(args: Args, sequence: Sequence, config: MapConfig) -> None:
     """Warn of what will probably go wrong.
 
     Raises:
         InputError: poses are to be taken as given and are clearly in another convention.
     """
-    for text in depth_warnings(sample_depth(sequence), (config.depth_min, config.depth_max)):
+    for text in depth_warnings(sample_depth(sequence), config.depth_range):
         warnings.warn(text, InputWarning, stacklevel=2)
-    if args.poses == "given":
+    if args.map.poses == "given":
         _check_poses(args, sequence)
 
 
@@ -72,7 +72,7 @@ def _first_lost(state: Run, sequence: Sequence) -> tuple[int, str]:
     return min(found, default=(0, ""))
 
 
-def _check_poses(args: Any, sequence: Sequence) -> None:
+def _check_poses(args: Args, sequence: Sequence) -> None:
     fit = fit_poses(sequence)
     if fit is None:
         return

@@ -11,10 +11,10 @@ from dsmap.fusion.labels.segment import segment_later
 from dsmap.fusion.runs.map_recording import Run
 from dsmap.fusion.runs.run_folder import config_values, save_run, statistics
 from dsmap.sequences import Sequence
-from dsmap.tools.mapping.segmenters import SegmenterSpec
+from dsmap.tools.mapping.options import Args
 
 
-def write_run(args: Any, state: Run, sequence: Sequence, spec: SegmenterSpec) -> None:
+def write_run(args: Args, state: Run, sequence: Sequence) -> None:
     """Write everything but the pictures; the checkpoint last: where it is new, all else is."""
     save_run(state.mapper, args.out, with_probabilities=args.save_probabilities, checkpoint=False)
     k = sequence.intrinsics
@@ -30,7 +30,7 @@ def write_run(args: Any, state: Run, sequence: Sequence, spec: SegmenterSpec) ->
         "config": args.config,
         "localize_in": None if args.localize_in is None else str(args.localize_in),
         "map": config_values(state.mapper),
-        "segmenter": dataclasses.asdict(spec),
+        "segmenter": dataclasses.asdict(args.spec),
     }  # fmt: skip
     write_yaml(args.out / "config.yaml", values)
     write_json(args.out / "stats.json", statistics(state.mapper, len(state.skipped), state.wall_s), indent=2)

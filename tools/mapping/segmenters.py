@@ -3,7 +3,9 @@
 import importlib
 import sys
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any, Literal
+
+import tyro
 
 from dsmap.errors import InputError
 from dsmap.fusion.labels.semantics import GroundTruthSegmenter, Noise
@@ -14,21 +16,24 @@ from dsmap.fusion.segmenter import Segmenter
 class SegmenterSpec:
     """Where class probabilities come from; written into a run's config.yaml."""
 
-    kind: str = "dsnet"
-    """dsnet (the network), labels (the recording's own), none, or module:factory."""
+    kind: Annotated[str, tyro.conf.arg(name="segmenter")] = "dsnet"
+    """What labels frames: dsnet (the network), labels (the recording's own), none, or module:factory returning a
+    segmenter."""
     weights: str | None = None
-    """Weights of the network (safetensors); default: those that come with dsmap."""
+    """Weights of the network: a file, or one that comes with dsmap: dsnet-p (default; colour and geometry) or dsnet
+    (the paper's, small, colour alone)."""
     label_noise: float = 0.0
-    """Share of labels that `labels` corrupts."""
+    """Corrupt this share of the recording's own labels (a test of label fusion)."""
     label_noise_kind: Noise = "pixels"
-    """pixels: each alone; blobs: 20 px patches drawn anew a frame; confusion: chair becomes sofa."""
+    """How labels are corrupted: pixels: each alone; blobs: 20 px patches drawn anew a frame; confusion: chair becomes
+    sofa."""
     seed: int = 0
-    """Seed of the corruption."""
-    engine: str = "auto"
+    """Seed of label corruption."""
+    engine: Literal["auto", "torch", "onnx"] = "auto"
     """What runs the network: torch, onnx (ONNX Runtime, CPU), or auto: the faster one that is installed."""
     prior: float | None = None
-    """Class prior of the network's answers, 0 (as frequent as in the training data) to 1 (all alike); default: as the
-    weights say."""
+    """Class prior of the network's answers: 0 as frequent as in its training data (most pixels right), 1 all classes
+    alike (best average over classes); without it as the weights say."""
 
 
 def make_segmenter(spec: SegmenterSpec, device: str = "cpu") -> Segmenter | None:

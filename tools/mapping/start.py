@@ -1,9 +1,7 @@
 """How a run of `dsmap map` starts: anew, where a checkpoint stopped, or in a saved map."""
 
 import dataclasses
-import math
 from pathlib import Path
-from typing import Any, TypeVar
 
 from dsmap.config_file import fill
 from dsmap.errors import InputError
@@ -17,19 +15,18 @@ from dsmap.fusion.runs.run_folder import CHECKPOINT
 from dsmap.fusion.segmenter import Segmenter
 from dsmap.kernels.runtime import chosen_device
 from dsmap.sequences import Sequence
-from dsmap.tools.mapping.segmenters import SegmenterSpec, make_segmenter
-from dsmap.tools.support.presets import load_preset, option
+from dsmap.tools.mapping.options import OF_A_CALL, Args, options_of, plain_values, with_values
+from dsmap.tools.mapping.presets import load_preset, option
+from dsmap.tools.mapping.segmenters import make_segmenter
 
-A = TypeVar("A")
-_MAX_READOUT_S = 0.1
-"""Nobody reads an image for longer than three frames."""
-_OF_A_CALL = ("path", "out", "config", "overwrite", "resume", "localize_in", "extend", "checkpoint_every")
-"""Options that say what to do, not how: a configuration file cannot set them."""
-_MAY_CHANGE = (*_OF_A_CALL[:5], "checkpoint_every", "stop", "pictures", "save_probabilities", "device")
+_MAY_CHANGE = (
+    *("path", "out", "config", "write_config", "overwrite", "resume"),
+    *("checkpoint_every", "stop", "pictures", "save_probabilities", "device"),
+)
 """Options that may be others when a run goes on."""
 
 
-def default_args(usual: A, argv: list[str]) -> A:
+def default_args(usual: Args, argv: list[str]) -> Args:
     """`usual` with the parameters of the run that `argv` resumes, or of the --config that it names."""
     out, name = option(argv, "--out"), option(argv, "--config")
     if "--resume" in argv and out is not None:
@@ -37,27 +34,27 @@ def default_args(usual: A, argv: list[str]) -> A:
         values = read_metadata(path)["run"].get("command")
         if values is None:
             raise InputError(f"{path}: not written by `dsmap map`; expected a RUN folder of it")
-        return fill(usual, values, str(path))
+        return with_values(usual, values, str(path))
     if name is None:
         return usual
     values = load_preset(name)
-    for key in _OF_A_CALL:
+    for key in OF_A_CALL:
         if key in values:
             raise InputError(
                 f"--config {name}: {key!r} has no place in a configuration; expected it as a flag"
             )
-    return dataclasses.replace(fill(usual, values, f"--config {name}"), config=name)  # type: ignore[type-var]
+    return dataclasses.replace(with_values(usual, values, f"--config {name}"), config=name)
 
 
-def start(args: Any, sequence: Sequence, spec: SegmenterSpec) -> Run:
+def start(args: Args, sequence: Sequence) -> Run:
     """The mapper of the command line at its first frame, or where the checkpoint to resume stopped.
 
     Raises:
         InputError: options or recording do not fit the checkpoint, or there is none.
     """
-    config = map_config(args, sequence)
+    config = args.map.resolved_for(sequence)
     _check(args)
-    segmenter = make_segmenter(spec, torch_device(args.device))
+    segmenter = make_segmenter(args.spec, torch_device(config.device))
     saved = checkpoint_of(args.localize_in) if args.localize_in is not None else None
     if saved is not None:
         theirs = _saved_config(saved)
@@ -74,48 +71,6 @@ def start(args: Any, sequence: Sequence, spec: SegmenterSpec) -> Run:
     else:
         mapper = Mapper(config, sequence.intrinsics, segmenter)
     return Run(mapper, lambda now: _save(args, now))
-
-
-def map_config(args: Any, sequence: Sequence) -> MapConfig:
-    """The mapper's configuration from the command line."""
-    labels, loop = args.labels, args.loop
-    if args.segment_every is not None:
-        every = 0 if args.segment_every == "keyframes" else _positive(args.segment_every)
-        labels = dataclasses.replace(labels, every=every)
-    if args.label_fusion is not None:
-        labels = dataclasses.replace(labels, rule=args.label_fusion)
-    if args.loops is not None:
-        loop = dataclasses.replace(loop, mode=args.loops)
-    depth_max = args.depth_max or sequence.depth_max or MapConfig.depth_max
-    if not 0 <= args.depth_min < depth_max or not math.isfinite(depth_max):
-        raise InputError(
-            f"depth range is {args.depth_min}..{depth_max} m; expected 0 <= --depth-min < --depth-max"
-        )
-    readout_s = sequence.readout_s if args.readout_s is None else args.readout_s
-    if not abs(readout_s) <= _MAX_READOUT_S:
-        raise InputError(
-            f"readout_s is {readout_s}; expected seconds from an image's first row to its last, e.g. 0.026"
-        )
-    device = "cuda:0" if args.device == "cuda" else args.device
-    return MapConfig(
-        device, args.depth_min, depth_max, args.poses, readout_s, args.camera_up,
-        track=args.track, surfels=args.surfels, labels=labels,
-        loops=loop, ferns=args.ferns, relocalise=args.relocalise, graph=args.graph,
-        moving=args.moving,
-    )  # fmt: skip
-
-
-def segmenter_spec(args: Any) -> SegmenterSpec:
-    """The segmenter of the command line."""
-    return SegmenterSpec(
-        args.segmenter,
-        args.weights,
-        args.label_noise,
-        args.label_noise_kind,
-        args.seed,
-        args.engine,
-        args.prior,
-    )
 
 
 def claim_folder(out: Path, overwrite: bool) -> None:
@@ -159,36 +114,34 @@ def torch_device(device: str) -> str:
     return "cuda" if wp.is_cuda_available() else "cpu"
 
 
-def _check(args: Any) -> None:
+def _check(args: Args) -> None:
     if args.checkpoint_every < 0:
         raise InputError(f"--checkpoint-every is {args.checkpoint_every}; expected a number of frames, or 0")
     if args.extend and args.localize_in is None:
         raise InputError("--extend without --localize-in; expected the map to extend: --localize-in RUN")
-    if args.localize_in is not None and args.poses == "given":
+    if args.localize_in is not None and args.map.poses == "given":
         raise InputError(
             "--localize-in with --poses given; expected --poses track: poses are looked for in the map"
         )
-    if args.localize_in is not None and (args.loops or args.loop.mode) == "off":
+    if args.localize_in is not None and args.map.loops.mode == "off":
         raise InputError(
             "--localize-in with --loops off; expected keyframes, which find the camera in the map"
         )
 
 
-def _save(args: Any, state: Run) -> None:
-    plain = {key: str(v) if isinstance(v, Path) else v for key, v in dataclasses.asdict(args).items()}
+def _save(args: Args, state: Run) -> None:
     progress = {"done": state.done, "skipped": state.skipped, "wall_s": state.wall_s}
-    save_map(state.mapper, args.out / CHECKPOINT, run={"command": plain, **progress})
+    save_map(state.mapper, args.out / CHECKPOINT, run={"command": plain_values(args), **progress})
 
 
-def _resume(args: Any, config: MapConfig, sequence: Sequence, segmenter: Segmenter | None) -> Run:
+def _resume(args: Args, config: MapConfig, sequence: Sequence, segmenter: Segmenter | None) -> Run:
     path = checkpoint_of(args.out)
     surfels, meta = load_map(path, chosen_device(config.device))
-    command = fill(args, meta["run"].get("command", {}), str(path))
-    for field in dataclasses.fields(args):
-        ours, theirs = getattr(args, field.name), getattr(command, field.name)
-        if field.name not in _MAY_CHANGE and ours != theirs:
+    command = with_values(args, meta["run"].get("command", {}), str(path))
+    for ours, theirs in zip(options_of(args), options_of(command), strict=True):
+        if ours.name not in _MAY_CHANGE and ours.value != theirs.value:
             raise InputError(
-                f"--{field.name.replace('_', '-')} is {ours}, but {args.out} was begun with {theirs}; expected the same"
+                f"{ours.flag} is {ours.value}, but {args.out} was begun with {theirs.value}; expected the same"
             )
     camera = dataclasses.asdict(sequence.intrinsics)
     if meta["intrinsics"] != as_read_back(camera):
@@ -212,9 +165,3 @@ def _resume(args: Any, config: MapConfig, sequence: Sequence, segmenter: Segment
 
 def _saved_config(path: Path) -> MapConfig:
     return fill(MapConfig(), read_metadata(path)["config"], str(path), strict=False)
-
-
-def _positive(text: str) -> int:
-    if not text.isdigit() or int(text) < 1:
-        raise InputError(f"--segment-every is {text!r}; expected a positive number or `keyframes`")
-    return int(text)

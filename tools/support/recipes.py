@@ -9,9 +9,9 @@ from pathlib import Path
 from string import Template
 from typing import Any
 
+from dsmap.config_file import merged
 from dsmap.errors import InputError
 from dsmap.files import read_yaml
-from dsmap.tools.support.presets import merged
 
 OPTIONS = ("about", "places", "stages")
 """Keys of a recipe that are no options of a stage."""
