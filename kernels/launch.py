@@ -34,6 +34,7 @@ import numpy as np
 import warp as wp
 
 import dsmap.kernels.runtime  # noqa: F401  (Warp's settings come before its first use)
+from dsmap.cores import usable_cores
 
 CPU_BLOCK = 2048
 """Entries that one CPU thread of `launch_items` walks through."""
@@ -58,7 +59,7 @@ class Slice:
 
 def num_threads() -> int:
     """CPU threads that a launch uses: `DSMAP_THREADS`, or the cores this process may run on."""
-    return int(os.environ.get("DSMAP_THREADS", 0)) or len(os.sched_getaffinity(0))
+    return int(os.environ.get("DSMAP_THREADS", 0)) or usable_cores()
 
 
 @functools.cache

@@ -95,6 +95,8 @@ def complaint(line: str) -> str:
         return ""
     if command == "map" and "--resume" in argv and argv[0].startswith("-"):
         argv = ["RECORDING", *argv]  # a run that goes on knows its recording
+    if command == "map" and "--write-config" in argv:
+        argv += ["RECORDING", "--out", "RUN"]  # that nothing is mapped of
     said = io.StringIO()
     try:
         with contextlib.redirect_stderr(said), contextlib.redirect_stdout(said):

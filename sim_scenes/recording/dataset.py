@@ -19,7 +19,7 @@ import numpy as np
 
 from dsmap.classes import NUM_CLASSES
 from dsmap.errors import InputError
-from dsmap.files import as_read_back, atomic_path
+from dsmap.files import as_read_back, write_json
 from dsmap.sim_scenes.recording.record import RenderedFrame, RenderOptions, render_sequence
 from dsmap.sim_scenes.rooms.build import MIX
 
@@ -109,8 +109,7 @@ def render_task(task: Task) -> Path:
     partial = task.folder.with_name(f".{task.folder.name}.part")
     shutil.rmtree(partial, ignore_errors=True)  # of a worker that was killed
     render_sequence(partial, task.options, progress=count)
-    with atomic_path(partial / SUMMARY) as file:
-        file.write_text(json.dumps({"frames": frames, "pixels": pixels.tolist()}) + "\n")
+    write_json(partial / SUMMARY, {"frames": frames, "pixels": pixels.tolist()}, indent=None)
     try:
         os.replace(partial, task.folder)
     except OSError as error:

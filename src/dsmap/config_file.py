@@ -56,7 +56,7 @@ def merged(base: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:
 
 def _checked(value: Any, hint: Any, where: str) -> Any:
     """The value as the type wants it (lists become tuples, whole numbers floats)."""
-    for option in typing.get_args(hint) if _is_union(hint) else (hint,):
+    for option in typing.get_args(hint) if is_union(hint) else (hint,):
         fits, converted = _fitted(value, option, where)
         if fits:
             return converted
@@ -89,12 +89,13 @@ def _fitted(value: Any, hint: Any, where: str) -> tuple[bool, Any]:
     return isinstance(value, hint), value
 
 
-def _is_union(hint: Any) -> bool:
+def is_union(hint: Any) -> bool:
+    """Whether a type is one of several."""
     return typing.get_origin(hint) in (typing.Union, types.UnionType)
 
 
 def _describe(hint: Any) -> str:
-    if _is_union(hint):
+    if is_union(hint):
         return " or ".join(_describe(option) for option in typing.get_args(hint))
     origin, arguments = typing.get_origin(hint), typing.get_args(hint)
     if origin is Literal:

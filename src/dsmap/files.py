@@ -41,8 +41,8 @@ def atomic_path(path: Path | str, durable: bool = False) -> Iterator[Path]:
             temporary.unlink(missing_ok=True)
 
 
-def write_json(path: Path | str, values: Any, indent: int = 1) -> None:
-    """Write plain values as indented JSON."""
+def write_json(path: Path | str, values: Any, indent: int | None = 1) -> None:
+    """Write plain values as indented JSON; indent None: all on one line."""
     with atomic_path(path) as temporary:
         temporary.write_text(json.dumps(values, indent=indent) + "\n", encoding="utf-8")
 

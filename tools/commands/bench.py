@@ -14,6 +14,7 @@ from typing import Any, Literal
 
 import tyro
 
+from dsmap.cores import usable_cores
 from dsmap.errors import InputError
 from dsmap.files import write_json
 from dsmap.sequences import Sequence, open_sequence
@@ -91,7 +92,7 @@ def make_request(args: Args, sequence: Sequence) -> Request:
         intrinsics=parse_intrinsics(args.intrinsics),
         depth_scale=args.depth_scale,
         depth_max=args.depth_max or sequence.depth_max or 3.0,
-        threads=args.threads or len(os.sched_getaffinity(0)),
+        threads=args.threads or usable_cores(),
         device=args.device,
     )
 
@@ -105,7 +106,7 @@ def run_worker(request: Request) -> dict:
     environment = {**os.environ, **dict.fromkeys(_THREAD_VARIABLES, str(request.threads))}
     with tempfile.TemporaryDirectory() as folder:
         ask, answer = Path(folder) / "request.json", Path(folder) / "result.json"
-        ask.write_text(json.dumps(dataclasses.asdict(request)))
+        write_json(ask, dataclasses.asdict(request))
         command = [sys.executable, "-m", "dsmap.tools.support.bench_worker", str(ask), str(answer)]
         process = subprocess.run(command, env=environment, capture_output=True, text=True)
         if not answer.is_file():

@@ -1,12 +1,12 @@
 """`dsmap contact-sheet`: what the scene generator makes, at a glance."""
 
-import os
 from dataclasses import dataclass
 from pathlib import Path
 
 import tyro
 from tqdm import tqdm
 
+from dsmap.cores import usable_cores
 from dsmap.tools.support.parse import parse_size
 
 
@@ -44,7 +44,7 @@ def main(args: Args) -> None:
             base,
             columns=args.columns,
             rows=args.rows,
-            jobs=args.jobs or len(os.sched_getaffinity(0)),
+            jobs=args.jobs or usable_cores(),
             done=lambda: bar.update() and None,
         )
     print(f"{args.out}: {args.columns * args.rows} scenes, seeds from {args.seed}")

@@ -1,7 +1,6 @@
 """`dsmap evaluate`: a run against its reference, or a network alone on labelled images."""
 
 import dataclasses
-import json
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -18,7 +17,7 @@ from dsmap.dsnet.datasets.folders import is_rendered
 from dsmap.dsnet.datasets.geometry import DepthView
 from dsmap.dsnet.datasets.registry import open_set
 from dsmap.errors import InputError
-from dsmap.files import atomic_path
+from dsmap.files import write_json
 from dsmap.fusion.evaluate.run import MAX_FRAMES, evaluate_run
 from dsmap.fusion.evaluate.semantics import evaluate_network
 from dsmap.fusion.runs.read_run import Run, load_run
@@ -81,8 +80,7 @@ def main(args: Args) -> None:
     else:
         raise InputError("expected either a RUN folder, or --data with images and labels")
     if out is not None:
-        with atomic_path(out) as path:
-            path.write_text(json.dumps(finite(metrics), indent=2, allow_nan=False) + "\n")
+        write_json(out, finite(metrics), indent=2)
         print(f"written: {out}")
 
 

@@ -1,6 +1,5 @@
 """`dsmap render-scene OUT`: labelled RGB-D sequences of synthetic rooms, one or a data set of many."""
 
-import os
 import shlex
 import sys
 from collections.abc import Iterable
@@ -11,6 +10,7 @@ from typing import TYPE_CHECKING, Literal
 import tyro
 from tqdm import tqdm
 
+from dsmap.cores import usable_cores
 from dsmap.errors import InputError
 from dsmap.tools.support.parse import parse_intrinsics, parse_size
 
@@ -108,7 +108,7 @@ def _one(args: Args) -> None:
         )
         return tqdm(frames, total=total, unit="frame", disable=None)
 
-    options = _options(args, args.jobs or _cores())
+    options = _options(args, args.jobs or usable_cores())
     out = render_sequence(
         args.out, options, clean_copy=args.clean_copy, overwrite=args.overwrite, progress=progress
     )
@@ -130,15 +130,11 @@ def _many(args: Args) -> None:
                 run_ray(left, args.ray, lambda _: bar.update() and None)
             else:
                 run_local(
-                    left, min(args.jobs or _cores(), max(len(left), 1)), lambda _: bar.update() and None
+                    left, min(args.jobs or usable_cores(), max(len(left), 1)), lambda _: bar.update() and None
                 )
     finally:
         write_card(args.out, tasks, command)
     print(f"{args.out}: {len(tasks)} scenes ({len(tasks) - len(left)} were there); see CARD.md")
-
-
-def _cores() -> int:
-    return len(os.sched_getaffinity(0))
 
 
 if __name__ == "__main__":

@@ -2,13 +2,13 @@
 
 import shutil
 import textwrap
-import types
 import typing
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import tyro
 
+from dsmap.config_file import is_union
 from dsmap.fusion.config import MapConfig
 from dsmap.tools.mapping.options import Args, Option, options_of
 from dsmap.tools.mapping.spelling import ALIASES
@@ -85,7 +85,7 @@ def _lines(option: Option, alias: str | None, width: int) -> list[str]:
 def metavar(option: Option) -> str:
     """What stands for an option's value: `X` for a number, `N` for a whole one, the words it may be, or its name."""
     hint = option.hint
-    kinds = [a for a in typing.get_args(hint) if a is not type(None)] if _is_union(hint) else [hint]
+    kinds = [a for a in typing.get_args(hint) if a is not type(None)] if is_union(hint) else [hint]
     kind, arguments = kinds[0], typing.get_args(kinds[0])
     if kind is bool:
         return ""
@@ -106,7 +106,3 @@ def _default(option: Option) -> str:
         return ""
     text = " ".join(str(v) for v in value) if isinstance(value, tuple) else str(value)
     return f" [{text}]"
-
-
-def _is_union(hint: Any) -> bool:
-    return typing.get_origin(hint) in (typing.Union, types.UnionType)

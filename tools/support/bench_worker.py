@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from dsmap.errors import InputError
+from dsmap.files import write_json
 from dsmap.fusion.evaluate.timing import Timing
 from dsmap.metrics import ate_rmse
 from dsmap.sequences import open_sequence
@@ -104,7 +105,7 @@ def main(request_file: str, result_file: str) -> int:
         result = run(dataclasses.replace(request, size=request.size and tuple(request.size)))
     except InputError as error:
         result = {"error": str(error)}
-    Path(result_file).write_text(json.dumps(result))
+    write_json(result_file, result)
     return 0
 
 

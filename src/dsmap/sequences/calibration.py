@@ -9,7 +9,7 @@ import numpy as np
 import yaml
 
 from dsmap.errors import InputError
-from dsmap.files import atomic_path
+from dsmap.files import write_yaml
 from dsmap.frame import Intrinsics
 from dsmap.sequences.calibration_checks import check_camera, check_depth_scale, check_extras, check_keys
 
@@ -155,8 +155,7 @@ def write_calibration(folder: Path, calibration: Calibration) -> None:
         }
     if calibration.depth_max is not None:
         content["depth_max"] = float(calibration.depth_max)
-    with atomic_path(folder / FILE) as path:
-        path.write_text(yaml.safe_dump(content, sort_keys=False))
+    write_yaml(folder / FILE, content)
 
 
 def known_default(layout: str, path: Path, width: int, height: int) -> Calibration | None:

@@ -1,6 +1,5 @@
 """Recordings in the formats of others: NYU40 label images, COCO panoptic, nerfstudio."""
 
-import json
 from collections.abc import Callable
 from pathlib import Path
 
@@ -9,7 +8,7 @@ import numpy as np
 
 from dsmap.classes import CLASS_NAMES, CLASS_TO_NYU40, NYU40_NAMES, PALETTE
 from dsmap.errors import InputError
-from dsmap.files import atomic_path
+from dsmap.files import atomic_path, write_json
 from dsmap.sequences.base import Sequence
 
 THINGS = {"bed", "books", "chair", "furniture", "objects", "picture", "sofa", "table", "tv", "window"}
@@ -34,10 +33,7 @@ def export_nyu40(sequence: Sequence, out: Path) -> int:
             lines.append(f"{entry.time:.6f} {name}")
     with atomic_path(out / "label40.txt") as file:
         file.write_text("# NYU40 class ids\n# timestamp filename\n" + "\n".join(lines) + "\n")
-    with atomic_path(out / "classes40.json") as file:
-        file.write_text(
-            json.dumps([{"id": i, "name": n} for i, n in enumerate(NYU40_NAMES)], indent=1) + "\n"
-        )
+    write_json(out / "classes40.json", [{"id": i, "name": n} for i, n in enumerate(NYU40_NAMES)])
     return len(lines)
 
 
@@ -67,9 +63,9 @@ def export_coco(sequence: Sequence, out: Path) -> int:
         for k, name in enumerate(CLASS_NAMES)
         if k
     ]
-    with atomic_path(out / "panoptic.json") as file:
-        content = {"info": {"description": f"{sequence.path.name}, written by dsmap"}, "images": images}
-        file.write_text(json.dumps(content | {"annotations": annotations, "categories": categories}) + "\n")
+    content = {"info": {"description": f"{sequence.path.name}, written by dsmap"}, "images": images}
+    content |= {"annotations": annotations, "categories": categories}
+    write_json(out / "panoptic.json", content, indent=None)
     return len(images)
 
 
@@ -100,10 +96,8 @@ def export_nerfstudio(sequence: Sequence, out: Path) -> int:
             }
         )
     camera = {"camera_model": "OPENCV", "w": k.width, "h": k.height, "fl_x": k.fx, "fl_y": k.fy}
-    with atomic_path(out / "transforms.json") as file:
-        # nerfstudio's pixel centres lie at .5, ours at integers.
-        content = camera | {"cx": k.cx + 0.5, "cy": k.cy + 0.5, "frames": frames}
-        file.write_text(json.dumps(content, indent=1) + "\n")
+    # nerfstudio's pixel centres lie at .5, ours at integers.
+    write_json(out / "transforms.json", camera | {"cx": k.cx + 0.5, "cy": k.cy + 0.5, "frames": frames})
     return len(frames)
 
 
