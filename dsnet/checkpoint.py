@@ -50,18 +50,23 @@ class WeightsInfo:
     notes: dict = field(default_factory=dict)
     """How it was trained and how it validated; for people, read by nothing."""
 
+    def trained_prior(self) -> np.ndarray:
+        """Class prior of the network's raw logits: share times loss weight, shape (classes,), 0 where never seen."""
+        if not self.shares:
+            return np.zeros(len(self.class_names))
+        return np.array(self.shares) * np.array(self.balance)
+
     def offset(self) -> np.ndarray:
         """What is added to the logits for the wanted prior (Menon et al. 2021), float32, shape (classes,).
 
-        The network gives logits of a posterior whose prior q is share times loss weight; the wanted prior is
+        The network gives logits of a posterior whose prior is q = `trained_prior`; the wanted prior is
         share^(1 - prior): offset = (1 - prior) log share - log q. Classes never seen have 0.
         """
         share = np.array(self.shares or np.zeros(len(self.class_names)))
         seen = share > 0
         found = np.zeros(len(share), np.float32)
         if seen.any():
-            trained = np.log(share[seen] * np.array(self.balance)[seen])
-            found[seen] = (1 - self.prior) * np.log(share[seen]) - trained
+            found[seen] = (1 - self.prior) * np.log(share[seen]) - np.log(self.trained_prior()[seen])
             found[seen] -= (share[seen] * found[seen]).sum()  # void is where it was
         return found
 

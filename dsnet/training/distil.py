@@ -43,9 +43,7 @@ class Teacher:
 def between(info: WeightsInfo, trained: np.ndarray) -> np.ndarray:
     """What is added to a network's raw logits so that they are of another class prior, float32, shape (classes,)."""
     found = np.zeros(len(trained), np.float32)
-    if not info.shares:
-        return found
-    own = np.array(info.shares) * np.array(info.balance)
+    own = info.trained_prior()
     both = (own > 0) & (trained > 0)
     found[both] = np.log(trained[both] / trained.sum()) - np.log(own[both] / own.sum())
     return found

@@ -1,5 +1,7 @@
 """A mapper that goes on where a checkpoint stopped, or that starts a new recording in its map."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 from dsmap.errors import InputError
@@ -30,10 +32,8 @@ def resumed_mapper(
         InputError: the checkpoint lacks a part of the state, or its images have another size.
     """
     mapper = Mapper(config or meta["config"], intrinsics, segmenter, surfels=surfels)
-    try:
+    with _must_fit(where):
         mapper.load_state(_state(meta), _trajectory(meta))
-    except (KeyError, TypeError, ValueError, RuntimeError) as error:
-        raise _does_not_fit(where, error) from error
     return mapper
 
 
@@ -55,10 +55,8 @@ def mapper_in_saved_map(
         InputError: the map has no keyframes, they were taken with a camera of another shape, or the file is damaged.
     """
     mapper = Mapper(config or meta["config"], intrinsics, segmenter, surfels=surfels, frozen=frozen)
-    try:
+    with _must_fit(where):
         mapper.start_in_saved_map(_state(meta), _trajectory(meta), where)
-    except (KeyError, TypeError, ValueError, RuntimeError) as error:
-        raise _does_not_fit(where, error) from error
     return mapper
 
 
@@ -70,5 +68,10 @@ def _trajectory(meta: dict[str, Any]) -> Trajectory:
     return Trajectory.of_arrays(meta["times"], meta["poses"], meta["tracked"], meta["depth_times"])
 
 
-def _does_not_fit(where: str, error: Exception) -> InputError:
-    return InputError(f"{where}: does not fit ({error}); expected a whole dsmap checkpoint")
+@contextmanager
+def _must_fit(where: str) -> Iterator[None]:
+    """What goes wrong inside is the fault of the checkpoint."""
+    try:
+        yield
+    except (KeyError, TypeError, ValueError, RuntimeError) as error:
+        raise InputError(f"{where}: does not fit ({error}); expected a whole dsmap checkpoint") from error

@@ -26,8 +26,7 @@ def test_shipped_commands_can_be_parsed(entry, tmp_path):
             module = importlib.import_module(COMMANDS[words[0]][0])
         except ModuleNotFoundError as error:
             pytest.skip(f"{words[0]} needs {error.name}")
-        default = {"default": module.defaults(words[1:])} if hasattr(module, "defaults") else {}
-        tyro.cli(module.Args, args=words[1:], **default)
+        module.parse(words[1:]) if hasattr(module, "parse") else tyro.cli(module.Args, args=words[1:])
     for figure in entry.figures:
         assert figure.what and figure.key and figure.tolerance >= 0
         assert any(f"{{out}}/{figure.file.split('/')[0]}" in command for command in entry.commands)
