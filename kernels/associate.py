@@ -24,7 +24,7 @@ class AssociationGates:
     t_min: wp.int32  # frame number: older surfels are not asked
 
 
-@wp.kernel(enable_backward=False)
+@wp.kernel
 def _pack(
     s: Slice,
     vertex: wp.array2d(dtype=wp.vec3),
@@ -41,7 +41,7 @@ def _pack(
         packed[y, x] = wp.vec4(n[0], n[1], n[2], wp.where(edge[y, x] == wp.uint8(0), z, 0.0))
 
 
-@wp.kernel(enable_backward=False)
+@wp.kernel
 def _claim(
     s: Slice,
     blocks: wp.array(dtype=wp.int32),

@@ -4,8 +4,6 @@ from typing import Any
 
 import warp as wp
 
-import dsmap.kernels.runtime  # noqa: F401  (Warp's settings come before its first use)
-
 
 @wp.struct
 class Camera:

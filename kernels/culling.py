@@ -27,7 +27,7 @@ _SLACK = 1e-3
 _planes = wp.types.matrix(shape=(6, 4), dtype=wp.float32)
 
 
-@wp.kernel(enable_backward=False)
+@wp.kernel
 def _measure(
     s: Slice,
     blocks: wp.array(dtype=wp.int32),
@@ -67,7 +67,7 @@ def _measure(
     oldest[b] = first
 
 
-@wp.kernel(enable_backward=False)
+@wp.kernel
 def _test(
     s: Slice,
     planes: _planes,

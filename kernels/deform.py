@@ -56,7 +56,7 @@ def _cofactor(F: wp.mat33) -> wp.mat33:
     return wp.matrix_from_rows(wp.cross(b, c), wp.cross(c, a), wp.cross(a, b))
 
 
-@wp.kernel(enable_backward=False)
+@wp.kernel
 def _deform(
     s: Slice,
     node: wp.array(dtype=wp.vec3),

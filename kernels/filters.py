@@ -10,7 +10,7 @@ BILATERAL_RADIUS = 3
 """The window is the disc of this radius [px], as in cv2.bilateralFilter with d = 7."""
 
 
-@wp.kernel(enable_backward=False)
+@wp.kernel
 def _bilateral(
     s: Slice,
     depth: wp.array2d(dtype=float),
@@ -45,7 +45,7 @@ def _bilateral(
         out[y, x] = wp.where(centre > 0.0, total / norm, 0.0)
 
 
-@wp.kernel(enable_backward=False)
+@wp.kernel
 def _colour(s: Slice, rgb: wp.array3d(dtype=wp.uint8), out: wp.array2d(dtype=wp.vec3)):
     row, lane = wp.tid()
     y = s.first + s.stride * row
@@ -53,7 +53,7 @@ def _colour(s: Slice, rgb: wp.array3d(dtype=wp.uint8), out: wp.array2d(dtype=wp.
         out[y, x] = wp.vec3(float(rgb[y, x, 0]), float(rgb[y, x, 1]), float(rgb[y, x, 2])) / 255.0
 
 
-@wp.kernel(enable_backward=False)
+@wp.kernel
 def _intensity(s: Slice, colour: wp.array2d(dtype=wp.vec3), out: wp.array2d(dtype=float)):
     row, lane = wp.tid()
     y = s.first + s.stride * row
@@ -62,7 +62,7 @@ def _intensity(s: Slice, colour: wp.array2d(dtype=wp.vec3), out: wp.array2d(dtyp
         out[y, x] = 0.299 * c[0] + 0.587 * c[1] + 0.114 * c[2]
 
 
-@wp.kernel(enable_backward=False)
+@wp.kernel
 def _half(s: Slice, image: wp.array2d(dtype=float), out: wp.array2d(dtype=float)):
     row, lane = wp.tid()
     y = s.first + s.stride * row

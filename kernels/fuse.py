@@ -69,7 +69,7 @@ def _is_represented(
     return False
 
 
-@wp.kernel(enable_backward=False)
+@wp.kernel
 def _find_new(
     s: Slice,
     camera: Camera,
@@ -94,7 +94,7 @@ def _find_new(
         is_new[y, x] = new
 
 
-@wp.kernel(enable_backward=False)
+@wp.kernel
 def _average(
     s: Slice,
     camera: Camera,
@@ -138,7 +138,7 @@ def _average(
             t_updated[i] = fusion.time
 
 
-@wp.kernel(enable_backward=False)
+@wp.kernel
 def _insert(
     s: Slice,
     camera: Camera,

@@ -33,7 +33,7 @@ def _geometry(v: wp.vec3, n: wp.vec3, up: wp.vec3, floor_height: float) -> wp.ve
     )
 
 
-@wp.kernel(enable_backward=False)
+@wp.kernel
 def _channels(
     s: Slice, up: wp.vec3, floor_height: float,
     vertex: wp.array2d(dtype=wp.vec3), normal: wp.array2d(dtype=wp.vec3),

@@ -109,7 +109,7 @@ def _draw_whole(
                     )
 
 
-@wp.kernel(enable_backward=False)
+@wp.kernel
 def _splat(
     s: Slice, blocks: wp.array(dtype=wp.int32), camera: Camera, T_camera_world: wp.mat44, select: Visible,
     position: wp.array(dtype=wp.vec3), normal: wp.array(dtype=wp.vec3), weight: wp.array(dtype=wp.float32),
@@ -145,7 +145,7 @@ def _splat(
             _draw_whole(camera, select, p, n, r, w, i, s.index, keys)
 
 
-@wp.kernel(enable_backward=False)
+@wp.kernel
 def _centres(
     s: Slice, camera: Camera, T_camera_world: wp.mat44,
     position: wp.array(dtype=wp.vec3), normal: wp.array(dtype=wp.vec3),
@@ -218,7 +218,7 @@ def _best_around(
     return best
 
 
-@wp.kernel(enable_backward=False)
+@wp.kernel
 def _select(
     s: Slice, camera: Camera, select: Visible,
     own: wp.array(dtype=wp.int32), rank: wp.array(dtype=wp.float32), face: wp.array(dtype=_face),

@@ -30,7 +30,7 @@ class Gate:
     t_min: wp.int32  # frame number: older surfels are not asked
 
 
-@wp.kernel(enable_backward=False)
+@wp.kernel
 def _prepare(
     s: Slice,
     floor: float,
@@ -97,7 +97,7 @@ def _sample(
     return per_share * e, per_share * weight, share
 
 
-@wp.kernel(enable_backward=False)
+@wp.kernel
 def _observe(
     s: Slice,
     blocks: wp.array(dtype=wp.int32),

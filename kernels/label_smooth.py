@@ -40,7 +40,7 @@ def _nearest(at: int, size: int, whole: int) -> int:
     return wp.clamp(int((float(at) + 0.5) * float(whole) / float(size)), 0, whole - 1)
 
 
-@wp.kernel(enable_backward=False)
+@wp.kernel
 def _smooth(
     s: Slice, camera: Camera, radius: float,
     vertex: wp.array2d(dtype=wp.vec3), normal: wp.array2d(dtype=wp.vec3), probabilities: wp.array2d(dtype=vec14),

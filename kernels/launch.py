@@ -33,7 +33,6 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-import dsmap.kernels.runtime  # noqa: F401  (Warp's settings come before its first use)
 from dsmap.cores import usable_cores
 
 CPU_BLOCK = 2048

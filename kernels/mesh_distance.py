@@ -8,7 +8,7 @@ import warp as wp
 from dsmap.kernels.launch import Slice, launch_items
 
 
-@wp.kernel(enable_backward=False)
+@wp.kernel
 def _closest(
     s: Slice,
     mesh: wp.uint64,

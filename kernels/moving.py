@@ -9,7 +9,7 @@ from dsmap.kernels.camera import Camera, pixel_at, to_transform, transform
 from dsmap.kernels.launch import Slice, launch_rows
 
 
-@wp.kernel(enable_backward=False)
+@wp.kernel
 def _was_free(
     s: Slice,
     camera: Camera,
@@ -41,7 +41,7 @@ def _was_free(
         known[y, x] = first
 
 
-@wp.kernel(enable_backward=False)
+@wp.kernel
 def _carried(
     s: Slice,
     camera: Camera,

@@ -81,7 +81,7 @@ def _bilinear2(image: wp.array2d(dtype=wp.vec2), u: wp.vec2, x0: int, y0: int) -
     return (1.0 - b) * top + b * bottom
 
 
-@wp.kernel(enable_backward=False)
+@wp.kernel
 def _joint(
     s: Slice, camera: Camera, T: wp.mat44, shutter: Shutter, gates: TrackingGates,
     vertex: wp.array2d(dtype=wp.vec3), normal: wp.array2d(dtype=wp.vec3), intensity: wp.array2d(dtype=float),
@@ -138,7 +138,7 @@ def _joint(
     partial_rgb[s.first + s.stride * row, lane] = rgb
 
 
-@wp.kernel(enable_backward=False)
+@wp.kernel
 def _rotation(
     s: Slice, camera: Camera, R: wp.mat44, intensity: wp.array2d(dtype=float),
     last_intensity: wp.array2d(dtype=float), last_gradient: wp.array2d(dtype=wp.vec2),
@@ -174,7 +174,7 @@ def _rotation(
     partial[s.first + s.stride * row, lane] = sums
 
 
-@wp.kernel(enable_backward=False)
+@wp.kernel
 def _gradient(
     s: Slice, intensity: wp.array2d(dtype=float), vertex: wp.array2d(dtype=wp.vec3), masked: int,
     gradient: wp.array2d(dtype=wp.vec2),

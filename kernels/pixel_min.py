@@ -72,7 +72,7 @@ def take_key(keys: wp.array2d(dtype=wp.uint64), pixel: int) -> wp.uint64:
     return best
 
 
-@wp.kernel(enable_backward=False)
+@wp.kernel
 def _merge_rows(s: Slice, limit: float, keys: wp.array2d(dtype=wp.uint64), index: wp.array2d(dtype=wp.int32)):
     row, lane = wp.tid()
     y = s.first + s.stride * row

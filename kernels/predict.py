@@ -10,7 +10,7 @@ from dsmap.kernels.prefetch import AHEAD, fetch_early
 from dsmap.kernels.types import ModelMaps, SurfelMap
 
 
-@wp.kernel(enable_backward=False)
+@wp.kernel
 def _resolve(
     s: Slice,
     index: wp.array2d(dtype=wp.int32),

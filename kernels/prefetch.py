@@ -8,8 +8,6 @@ from typing import Any
 
 import warp as wp
 
-import dsmap.kernels.runtime  # noqa: F401  (Warp's settings come before its first use)
-
 AHEAD = wp.constant(16)
 """Pixels between asking and reading."""
 

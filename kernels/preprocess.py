@@ -70,7 +70,7 @@ def _difference(before: wp.vec3, centre: wp.vec3, after: wp.vec3) -> wp.vec3:
     return wp.vec3(0.0, 0.0, 0.0)
 
 
-@wp.kernel(enable_backward=False)
+@wp.kernel
 def _surface(
     s: Slice, camera: Camera, depth: wp.array2d(dtype=float),
     vertex: wp.array2d(dtype=wp.vec3), normal: wp.array2d(dtype=wp.vec3),
@@ -107,7 +107,7 @@ def _surface(
         edge[y, x] = wp.uint8(on_edge)
 
 
-@wp.kernel(enable_backward=False)
+@wp.kernel
 def _half_surface(
     s: Slice,
     vertex: wp.array2d(dtype=wp.vec3), normal: wp.array2d(dtype=wp.vec3), intensity: wp.array2d(dtype=float),

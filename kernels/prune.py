@@ -82,7 +82,7 @@ def _is_duplicate(
     )
 
 
-@wp.kernel(enable_backward=False)
+@wp.kernel
 def _judge(
     s: Slice,
     blocks: wp.array(dtype=wp.int32),

@@ -20,7 +20,7 @@ class Agreement:
     distance_z2: wp.float32  # [1/m] or this times depth squared, where that is more
 
 
-@wp.kernel(enable_backward=False)
+@wp.kernel
 def _reactivate(
     s: Slice,
     blocks: wp.array(dtype=wp.int32),

@@ -1,4 +1,4 @@
-"""Warp's settings, made once before anything else touches Warp, and the device that kernels run on."""
+"""Warp's settings (no derivatives), made before anything else touches Warp, and the device that kernels run on."""
 
 import os
 import sys

@@ -53,7 +53,7 @@ def moved(shutter: Shutter, p: wp.vec3, rows: float) -> wp.vec3:
     return p + t * (a + 0.5 * t * wp.cross(shutter.turning, a))
 
 
-@wp.kernel(enable_backward=False)
+@wp.kernel
 def _global_shutter(
     s: Slice, camera: Camera, shutter: Shutter, finest: int,
     vertex: wp.array2d(dtype=wp.vec3), normal: wp.array2d(dtype=wp.vec3), intensity: wp.array2d(dtype=float),

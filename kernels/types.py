@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-import dsmap.kernels.runtime  # noqa: F401  (Warp's settings come before its first use)
 from dsmap.classes import NUM_CLASSES
 
 NUM_EVIDENCE = NUM_CLASSES - 1

@@ -15,7 +15,7 @@ SHAPE = (300, 200)
 """Large enough for several slices."""
 
 
-@wp.kernel(enable_backward=False)
+@wp.kernel
 def _number(s: Slice, factor: float, out: wp.array2d(dtype=float)):
     row, lane = wp.tid()
     y = s.first + s.stride * row
