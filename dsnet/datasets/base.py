@@ -1,6 +1,7 @@
 """What every data set is read into: a list of items, each of which reads one labelled image."""
 
 from dataclasses import dataclass, field
+from io import BytesIO
 from pathlib import Path
 from typing import Protocol
 
@@ -10,6 +11,9 @@ from PIL import Image, UnidentifiedImageError
 from dsmap.classes import CLASS_NAMES, VOID
 from dsmap.dsnet.datasets.geometry import DepthView
 from dsmap.errors import InputError
+from dsmap.limits import MAX_IMAGE_BYTES
+from dsmap.reading import DECODER_ERRORS, read_bytes, reason
+from dsmap.sequences.image_headers import check_image_file, check_image_size
 from dsmap.sequences.images import read_colour, read_depth, resize_colour
 from dsmap.sequences.label_images import VOID_IDS, LabelMap
 
@@ -126,14 +130,17 @@ def read_indices(path: Path) -> np.ndarray:
         InputError: missing, damaged, or a colour image.
     """
     try:
-        with Image.open(path) as image:
+        data = read_bytes(path, "a label image (PNG)", MAX_IMAGE_BYTES)
+        check_image_file(path, data)
+        with Image.open(BytesIO(data)) as image:
+            check_image_size(path, *image.size)
             if image.mode not in ("P", "L", "I;16", "I", "1"):
                 raise InputError(f"{path}: found an image of mode {image.mode}, expected one channel of ids")
             return np.asarray(image)
     except UnidentifiedImageError as error:
         raise InputError(f"{path}: no readable image, expected a label image (PNG)") from error
-    except (OSError, SyntaxError, ValueError) as error:
-        raise InputError(f"{path}: cannot be read ({error}), expected a label image (PNG)") from error
+    except DECODER_ERRORS as error:
+        raise InputError(f"{path}: cannot be read ({reason(error)}), expected a label image (PNG)") from error
 
 
 def voc_table() -> np.ndarray:

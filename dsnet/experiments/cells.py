@@ -2,12 +2,12 @@
 
 import csv
 import io
-import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from dsmap import plain
 from dsmap.errors import InputError
 from dsmap.files import as_read_back, atomic_path, write_json
 
@@ -66,12 +66,7 @@ def read_json(file: Path) -> dict:
     Raises:
         InputError: it is damaged.
     """
-    try:
-        return json.loads(file.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise InputError(
-            f"{file}: cannot be read ({error}), expected JSON; delete it to compute it again"
-        ) from error
+    return plain.read_json(file, "JSON of an experiment (delete it to compute it again)")
 
 
 def write_table(out: Path, columns: Sequence[str], rows: Sequence[Sequence[object]]) -> str:

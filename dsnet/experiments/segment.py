@@ -1,6 +1,5 @@
 """What the segmentation experiments share: one training run as a cell of a table."""
 
-import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -12,6 +11,7 @@ from dsmap.dsnet.experiments.cells import Cell
 from dsmap.dsnet.networks.build import build
 from dsmap.dsnet.training.train import train
 from dsmap.errors import InputError
+from dsmap.plain import read_json
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ def training_cell(run: Run, about: dict[str, Any], where: dict[str, Any]) -> Cel
         best = train(
             run.data, run.val, folder, run.net, run.augment, run.config, init=run.init, resume=True, **where
         )
-        history = json.loads((folder / "history.json").read_text())
+        history = read_json(folder / "history.json", "the history of a training")
         seconds = history[-1]["seconds"]
         scores = ("step", "class_avg", "miou", "pixel_acc", "ece", "temperature", "per_class")
         return {

@@ -6,10 +6,11 @@ import re
 from collections.abc import Hashable, Mapping, Sequence
 from pathlib import Path
 
-import yaml
-
 from dsmap.classes import CLASS_NAMES, NYU40_NAMES, NYU40_TO_13
 from dsmap.errors import InputError
+from dsmap.limits import MAX_VALUES_BYTES
+from dsmap.plain import brief, parse_yaml
+from dsmap.reading import read_bytes, reason
 
 _WORDS = {
     "bed": "mattress", "books": "book", "ceiling": "roof", "chair": "stool armchair bench seat",
@@ -95,7 +96,7 @@ def read_class_map(path: Path | str) -> ClassMap:
     """
     path = Path(path)
     try:
-        text = path.read_text(encoding="utf-8")
+        text = read_bytes(path, "a class map", MAX_VALUES_BYTES).decode("utf-8-sig")
         if path.suffix.lower() in (".csv", ".tsv", ".txt"):
             rows = list(
                 csv.reader(text.splitlines(), delimiter="\t" if path.suffix.lower() == ".tsv" else ",")
@@ -103,9 +104,9 @@ def read_class_map(path: Path | str) -> ClassMap:
             content = {row[0].strip(): row[1].strip() for row in rows if len(row) >= 2}
             content = {k: v for k, v in content.items() if v.lower() not in ("class", "label")}  # a heading
         else:
-            content = yaml.safe_load(text)
-    except (OSError, UnicodeDecodeError, yaml.YAMLError, csv.Error) as error:
-        raise InputError(f"{path}: not readable as a class map ({str(error).splitlines()[0]})") from error
+            content = parse_yaml(text, path)
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise InputError(f"{path}: not readable as a class map ({reason(error)})") from error
     if not isinstance(content, dict) or not content:
         raise InputError(
             f"{path}: found {type(content).__name__}, expected a mapping of names or ids to classes"
@@ -124,4 +125,4 @@ def _class(path: Path, value: object) -> int:
         return CLASS_NAMES.index(str(value).lower())
     if str(value).isdigit() and int(str(value)) < len(CLASS_NAMES):
         return int(str(value))
-    raise InputError(f"{path}: found class {value!r}, expected one of: {', '.join(CLASS_NAMES)}")
+    raise InputError(f"{path}: found class {brief(value)}, expected one of: {', '.join(CLASS_NAMES)}")

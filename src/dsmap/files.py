@@ -4,7 +4,6 @@ import contextlib
 import json
 import os
 from collections.abc import Iterator
-from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Any
 
@@ -56,23 +55,6 @@ def write_yaml(path: Path | str, values: Any) -> None:
 def as_read_back(values: Any) -> Any:
     """Plain values as they come back from a file: tuples are lists."""
     return json.loads(json.dumps(values))
-
-
-def read_yaml(file: Path | Traversable) -> dict[str, Any]:
-    """A YAML file of named values.
-
-    Raises:
-        InputError: it cannot be read, or it is something else.
-    """
-    try:
-        content = yaml.safe_load(file.read_text())
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise InputError(f"{file}: not readable as YAML ({str(error).splitlines()[0]})") from error
-    if content is None:
-        return {}
-    if not isinstance(content, dict):
-        raise InputError(f"{file}: found {type(content).__name__}; expected parameters by name")
-    return content
 
 
 def _umask() -> int:

@@ -1,7 +1,6 @@
 """`dsmap bench-robustness`: tries to lose the camera in rendered rooms, and counts how often it is found again."""
 
 import dataclasses
-import json
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -9,6 +8,7 @@ from typing import Any
 from dsmap.errors import InputError
 from dsmap.files import write_json
 from dsmap.fusion.config import MapConfig
+from dsmap.plain import read_json
 from dsmap.tools.support.parse import parse_size
 
 PATHS = ("fast", "cover", "jump")
@@ -132,10 +132,10 @@ def _totals(args: Args, results: dict[str, Any]) -> int:
 def _read(path: Path | None) -> dict[str, Any]:
     if path is None or not path.exists():
         return {}
-    try:
-        return dict(json.loads(path.read_text()))
-    except (json.JSONDecodeError, ValueError, TypeError) as error:
-        raise InputError(f"{path}: not a file of this command ({error}); expected JSON of trials") from error
+    found = read_json(path, "JSON of trials")
+    if not isinstance(found, dict):
+        raise InputError(f"{path}: found {type(found).__name__}; expected JSON of trials")
+    return found
 
 
 def _write(path: Path | None, rows: dict[str, Any]) -> None:

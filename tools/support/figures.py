@@ -1,7 +1,6 @@
 """The figures that README and docs state, each with the commands that make it: tools/figures.yaml."""
 
 import itertools
-import json
 import statistics
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -12,7 +11,7 @@ from typing import Any, Literal, TypeVar
 
 from dsmap.config_file import fill
 from dsmap.errors import InputError
-from dsmap.files import read_yaml
+from dsmap.plain import brief, read_json, read_yaml
 
 T = TypeVar("T")
 
@@ -109,10 +108,7 @@ def number_at(file: Path, key: str) -> float:
     Raises:
         InputError: there is none.
     """
-    try:
-        value = json.loads(file.read_text())
-    except (OSError, json.JSONDecodeError) as error:
-        raise InputError(f"{file}: cannot be read ({error}); expected scores of dsmap") from error
+    value = read_json(file, "scores of dsmap")
     values = [value]
     for name in key.split("."):
         trees = [value if isinstance(value, dict) else _numbered(value) for value in values]
@@ -133,11 +129,14 @@ def _numbered(value: Any) -> dict[str, Any]:
 
 def _entry(values: Any, where: str) -> Entry:
     if not isinstance(values, dict):
-        raise InputError(f"{where}: found {values!r} among the entries; expected names and values")
-    here = f"{where}: {values.get('name', 'an entry without name')}"
+        raise InputError(f"{where}: found {brief(values)} among the entries; expected names and values")
+    here = f"{where}: {brief(values.get('name', 'an entry without name'))}"
     plain = {key: value for key, value in values.items() if key != "figures"}
     entry = fill(Entry(), plain, here)
-    entry.figures = [fill(Figure(), figure, here) for figure in values.get("figures") or []]
+    listed = values.get("figures") or []
+    if not isinstance(listed, list):
+        raise InputError(f"{here}: found figures {brief(listed)}; expected a list")
+    entry.figures = [fill(Figure(), figure, here) for figure in listed]
     for name in ("name", "where", "commands", "figures"):
         if not getattr(entry, name):
             raise InputError(f"{here}: no {name}; expected it")

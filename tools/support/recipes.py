@@ -11,7 +11,7 @@ from typing import Any
 
 from dsmap.config_file import merged
 from dsmap.errors import InputError
-from dsmap.files import read_yaml
+from dsmap.plain import read_yaml
 
 OPTIONS = ("about", "places", "stages")
 """Keys of a recipe that are no options of a stage."""

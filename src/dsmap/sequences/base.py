@@ -11,6 +11,7 @@ import numpy as np
 
 from dsmap.errors import InputError, InputWarning
 from dsmap.frame import Frame, Intrinsics
+from dsmap.reading import reading
 from dsmap.sequences.calibration import Calibration
 from dsmap.sequences.images import (
     Source,
@@ -158,17 +159,18 @@ class Sequence:
             InputError: an image is missing, damaged, of the wrong size, or the depth is all zero.
         """
         entry, size = self.entries[i], (self.intrinsics.width, self.intrinsics.height)
-        depth = self._depth(entry)
-        return Frame(
-            index=entry.index,
-            time=entry.time,
-            rgb=resize_colour(self._colour(entry, depth), *size),
-            depth=resize_depth(depth, *size),
-            T_world_camera=entry.T_world_camera,
-            label=self._label(entry),
-            instance=self._ids(entry.instance, np.uint16),
-            depth_time=entry.depth_time,
-        )
+        with reading(entry.rgb, "a whole frame"):
+            depth = self._depth(entry)
+            return Frame(
+                index=entry.index,
+                time=entry.time,
+                rgb=resize_colour(self._colour(entry, depth), *size),
+                depth=resize_depth(depth, *size),
+                T_world_camera=entry.T_world_camera,
+                label=self._label(entry),
+                instance=self._ids(entry.instance, np.uint16),
+                depth_time=entry.depth_time,
+            )
 
     def resized(self, size: tuple[int, int]) -> "Sequence":
         """The same frames at another (width, height), from the recording's own images."""
@@ -186,7 +188,8 @@ class Sequence:
 
     def depth(self, i: int) -> np.ndarray:
         """Depth of frame `i` [m], float32, shape (H, W), without decoding its other images."""
-        return resize_depth(self._depth(self.entries[i]), self.intrinsics.width, self.intrinsics.height)
+        with reading(self.entries[i].depth, "a depth image"):
+            return resize_depth(self._depth(self.entries[i]), self.intrinsics.width, self.intrinsics.height)
 
     def label(self, i: int) -> np.ndarray | None:
         """Ground-truth class ids of frame `i`, uint8, shape (H, W), without decoding its other images.
@@ -249,9 +252,10 @@ class Sequence:
             return None
         camera = self.calibration.intrinsics
         try:
-            label = fit(
-                self.recording.label_map.read(entry.label), camera.width, camera.height, str(entry.label)
-            )
+            with reading(entry.label, "a label image"):
+                label = fit(
+                    self.recording.label_map.read(entry.label), camera.width, camera.height, str(entry.label)
+                )
         except InputError as error:
             if not self._warned_of_labels:
                 warnings.warn(InputWarning(f"frame {entry.index} has no labels: {error}"), stacklevel=2)

@@ -1,5 +1,6 @@
 """Intrinsics and depth scale of a recording: from flags, `calibration.yaml` or known defaults."""
 
+import os
 import re
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -11,6 +12,7 @@ import yaml
 from dsmap.errors import InputError
 from dsmap.files import write_yaml
 from dsmap.frame import Intrinsics
+from dsmap.plain import brief, read_yaml
 from dsmap.sequences.calibration_checks import check_camera, check_depth_scale, check_extras, check_keys
 
 FILE = "calibration.yaml"
@@ -90,20 +92,13 @@ def read_calibration(folder: Path) -> Calibration | None:
         InputError: the file is damaged, a key is unknown, or a value is missing, not a number or out of range.
     """
     path = folder / FILE
-    if not path.exists():
+    if not os.path.lexists(path):
         return None
-    try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8-sig"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise InputError(f"{path}: not readable as YAML ({str(error).splitlines()[0]})") from error
-    if not isinstance(content, dict):
-        raise InputError(
-            f"{path}: found {type(content).__name__}, expected width, height, fx, fy, cx, cy, depth_scale"
-        )
+    content = read_yaml(path)
     check_keys(path, content, _KEYS)
     center = content.get("pixel_center", "integer")
-    if center not in ("integer", "half"):
-        raise InputError(f"{path}: found pixel_center {center!r}, expected integer or half")
+    if not isinstance(center, str) or center not in ("integer", "half"):
+        raise InputError(f"{path}: found pixel_center {brief(center)}, expected integer or half")
     shift = 0.5 if center == "half" else 0.0
     calibration = Calibration(
         replace(_camera(path, content, shift), distortion=_distortion(path, content.get("distortion"))),
@@ -116,14 +111,19 @@ def read_calibration(folder: Path) -> Calibration | None:
         readout_s=_number(path, content, "readout_s", default=0.0),
         depth_max=_number(path, content, "depth_max", positive=True) if "depth_max" in content else None,
     )
-    check_camera(path, calibration.intrinsics)
-    if calibration.color_camera is not None:
-        check_camera(f"{path}, color_camera", calibration.color_camera)
-    check_depth_scale(path, calibration.depth_scale)
-    check_extras(
-        path, calibration.depth_time_offset_s, calibration.readout_s, calibration.depth_max, calibration.T_color_depth
-    )  # fmt: skip
+    check_calibration(path, calibration)
     return calibration
+
+
+def check_calibration(where: Any, calibration: Calibration) -> None:
+    """Refuse a camera that there cannot be, whatever file it came from. Raises InputError."""
+    check_camera(where, calibration.intrinsics)
+    if calibration.color_camera is not None:
+        check_camera(f"{where}, color_camera", calibration.color_camera)
+    check_depth_scale(where, calibration.depth_scale)
+    check_extras(
+        where, calibration.depth_time_offset_s, calibration.readout_s, calibration.depth_max, calibration.T_color_depth
+    )  # fmt: skip
 
 
 def write_calibration(folder: Path, calibration: Calibration) -> None:
@@ -244,7 +244,7 @@ def _number(
     value = content.get(key, default)
     valid = isinstance(value, int | float) and not isinstance(value, bool) and np.isfinite(value)
     if not valid or (positive and value <= 0):
-        found = "nothing" if value is None else repr(value)
+        found = "nothing" if value is None else brief(value)
         raise InputError(
             f"{path}: found {found} for {key}, expected a {'positive ' if positive else ''}number"
         )
@@ -256,7 +256,7 @@ def _distortion(path: Path, content: Any) -> tuple[float, float, float, float, f
         return None
     if not isinstance(content, dict) or content.get("model", "radtan") != "radtan":
         raise InputError(
-            f"{path}: found distortion {content!r}, expected {{model: radtan, k1, k2, p1, p2, k3}}"
+            f"{path}: found distortion {brief(content)}, expected {{model: radtan, k1, k2, p1, p2, k3}}"
         )
     check_keys(f"{path}, distortion", content, _DISTORTION_KEYS)
     k1, k2, p1, p2, k3 = (_number(path, content, key, default=0.0) for key in ("k1", "k2", "p1", "p2", "k3"))
@@ -267,7 +267,9 @@ def _color_camera(path: Path, content: Any, shift: float) -> Intrinsics | None:
     if content is None:
         return None
     if not isinstance(content, dict):
-        raise InputError(f"{path}: found color_camera {content!r}, expected width, height, fx, fy, cx, cy")
+        raise InputError(
+            f"{path}: found color_camera {brief(content)}, expected width, height, fx, fy, cx, cy"
+        )
     check_keys(f"{path}, color_camera", content, _CAMERA_KEYS)
     return _camera(path, content, shift)
 
@@ -295,5 +297,5 @@ def _transform(path: Path, content: Any) -> np.ndarray | None:
         T = np.zeros((4, 4))
     rotates = np.allclose(T[:3, :3] @ T[:3, :3].T, np.eye(3), atol=1e-3) and np.linalg.det(T[:3, :3]) > 0
     if not rotates or not np.allclose(T[3], (0, 0, 0, 1)):
-        raise InputError(f"{path}: found T_color_depth {content!r}, expected a rigid 4x4 transform")
+        raise InputError(f"{path}: found T_color_depth {brief(content)}, expected a rigid 4x4 transform")
     return None if np.allclose(T, np.eye(4)) else T

@@ -54,6 +54,10 @@ def check_camera(where: Any, camera: Intrinsics) -> None:
     width, height, fx, fy, cx, cy = (
         camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy
     )  # fmt: skip
+    if not np.isfinite([fx, fy, cx, cy, *(camera.distortion or ())]).all() or min(fx, fy) <= 0:
+        raise InputError(
+            f"{where}: found fx {fx:g}, fy {fy:g}, cx {cx:g}, cy {cy:g}, expected finite numbers, fx and fy above 0"
+        )
     if not (1 <= width <= _MAX_PIXELS and 1 <= height <= _MAX_PIXELS):
         raise InputError(f"{where}: found width and height {width}x{height}, expected 1 to {_MAX_PIXELS}")
     low, high = _FOCAL_BY_WIDTH
@@ -90,7 +94,7 @@ def check_depth_scale(where: Any, value: float) -> None:
     low, high = _DEPTH_SCALE
     if low <= value <= high:
         return
-    inverse = 1 / value
+    inverse = 1 / value if value else 0.0
     hint = f"; metres per unit? then write {inverse:g}" if low <= inverse <= high else ""
     raise InputError(
         f"{where}: found depth scale {value:g}, expected stored units per metre, {low:g} to {high:g} "
@@ -110,7 +114,7 @@ def check_extras(
         ("depth_time_offset_s", offset_s, _MAX_TIME_OFFSET_S),
         ("readout_s", readout_s, _MAX_READOUT_S),
     ):
-        if abs(value) > limit:
+        if not abs(value) <= limit:
             raise InputError(
                 f"{where}: found {value:g} for {name}, expected seconds, at most {limit:g} in size"
             )
@@ -120,7 +124,7 @@ def check_extras(
     if T_color_depth is None:
         return
     distance = float(np.linalg.norm(T_color_depth[:3, 3]))
-    if distance > _MAX_BASELINE_M:
+    if not distance <= _MAX_BASELINE_M:
         raise InputError(
             f"{where}: found a T_color_depth whose cameras are {distance:g} m apart, expected a translation in metres, "
             f"at most {_MAX_BASELINE_M:g} (millimetres are divided by 1000)"

@@ -4,7 +4,6 @@ Read are Open3D's `camera_intrinsic.json` and other JSON, ETH3D's `calibration.t
 matrices, `intrinsic/*.txt`, `info.txt`, ORB-SLAM's and ROS's YAML, `transforms.json`.
 """
 
-import json
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -12,10 +11,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from dsmap.errors import InputError
 from dsmap.frame import Intrinsics
+from dsmap.plain import parse_json, parse_yaml
 from dsmap.sequences.calibration import FILE, Calibration
 from dsmap.sequences.formats.bundlefusion import read_info
 from dsmap.sequences.formats.parts import two_cameras
@@ -127,7 +126,7 @@ def _camera(file: Path) -> _Camera | None:
     suffix = file.suffix.lower()
     if suffix == ".json":
         try:
-            return _in_content(json.loads(read_text(file)), is_by_columns=True)
+            return _in_content(parse_json(read_text(file), file), is_by_columns=True)
         except (ValueError, InputError):
             return None
     if suffix in (".yaml", ".yml"):
@@ -165,8 +164,8 @@ def _in_yaml(file: Path) -> _Camera | None:
         line for line in text.replace("!!opencv-matrix", "").splitlines() if not line.startswith(("%", "---"))
     ]
     try:
-        content = yaml.safe_load("\n".join(lines))
-    except yaml.YAMLError:
+        content = parse_yaml("\n".join(lines), file)
+    except InputError:
         return None
     if not isinstance(content, dict):
         return None

@@ -9,7 +9,10 @@ import numpy as np
 
 from dsmap.errors import InputError
 from dsmap.frame import Intrinsics
+from dsmap.limits import MAX_IMAGE_BYTES
+from dsmap.reading import read_bytes, reading
 from dsmap.sequences.arrays import is_array, read_array
+from dsmap.sequences.image_headers import check_image_file
 
 IMAGE_SUFFIXES = (
     ".png",
@@ -78,10 +81,15 @@ def read_depth(path: Source, depth_scale: float) -> np.ndarray:
     return clean_depth(depth)
 
 
+def read_stored(path: Source) -> np.ndarray:
+    """An image as stored. Raises InputError if it is missing or damaged."""
+    return _decode(path, cv2.IMREAD_UNCHANGED)
+
+
 def stored_depth(path: Source) -> np.ndarray | None:
     """A depth image as stored, or None if it cannot be decoded."""
     try:
-        return _decode(path, cv2.IMREAD_UNCHANGED)
+        return read_stored(path)
     except InputError:
         return None
 
@@ -98,6 +106,8 @@ def read_ids(path: Source) -> np.ndarray:
     ids = _decode(path, cv2.IMREAD_UNCHANGED)
     if ids.ndim != 2:
         raise InputError(f"{path}: found {ids.shape[2]} channels, expected one channel of ids")
+    if ids.dtype.kind not in "iu":
+        raise InputError(f"{path}: found {ids.dtype}, expected ids as whole numbers")
     return ids
 
 
@@ -222,32 +232,16 @@ class Undistorter:
         return cv2.remap(image, *self._maps, interpolation=cv2.INTER_NEAREST)
 
 
-def _read_bytes(path: Path) -> bytes:
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror or error}), expected an image") from error
-
-
 def _decode(path: Source, flags: int) -> np.ndarray:
     """Pixels in OpenCV's order: colour is BGR."""
-    data = path.load() if isinstance(path, Packed) else _read_bytes(path)
-    if isinstance(data, np.ndarray):
-        return np.ascontiguousarray(data[..., ::-1]) if data.ndim == 3 else data
-    if is_array(data):
-        return read_array(str(path), data)
-    if not _is_whole(data):
-        raise InputError(f"{path}: found {len(data)} bytes that end too early, expected a whole image file")
-    image = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
+    with reading(path, "an image"):
+        data = path.load() if isinstance(path, Packed) else read_bytes(path, "an image", MAX_IMAGE_BYTES)
+        if isinstance(data, np.ndarray):
+            return np.ascontiguousarray(data[..., ::-1]) if data.ndim == 3 else data
+        if is_array(data):
+            return read_array(str(path), data)
+        check_image_file(path, data)
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
     if image is None:
         raise InputError(f"{path}: found {len(data)} bytes that do not decode, expected an image file")
     return image
-
-
-def _is_whole(data: bytes) -> bool:
-    """Whether a PNG or JPEG has its end marker: decoders of some versions fill up what is cut off."""
-    if data.startswith(b"\x89PNG"):
-        return b"IEND" in data[-64:]
-    if data.startswith(b"\xff\xd8"):
-        return b"\xff\xd9" in data[-1024:]
-    return len(data) > 0

@@ -7,6 +7,7 @@ import numpy as np
 
 from dsmap.errors import InputError
 from dsmap.frame import Intrinsics
+from dsmap.reading import is_file
 from dsmap.sequences.base import Entry, Recording
 from dsmap.sequences.label_images import HINT, ForeignLabels, LabelMap, fit, listed
 
@@ -73,7 +74,7 @@ def _objection(recording: Recording, present: list[int], camera: Intrinsics) -> 
 
 
 def _is_missing(entry: Entry) -> bool:
-    return isinstance(entry.label, Path) and not entry.label.is_file()
+    return isinstance(entry.label, Path) and not is_file(entry.label)
 
 
 def _name(recording: Recording, k: int) -> str:

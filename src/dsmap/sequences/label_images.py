@@ -10,6 +10,9 @@ from PIL import Image, UnidentifiedImageError
 
 from dsmap.classes import NUM_CLASSES, VOID
 from dsmap.errors import InputError
+from dsmap.limits import MAX_IMAGE_BYTES
+from dsmap.reading import DECODER_ERRORS, read_bytes, reason
+from dsmap.sequences.image_headers import check_image_file, check_image_size
 from dsmap.sequences.images import Packed, Source, read_ids, resize_nearest
 
 VOID_IDS = (255, 65535)
@@ -115,7 +118,10 @@ def _code(rgb: np.ndarray) -> np.ndarray:
 def _read_pixels(path: Path, coloured: bool) -> np.ndarray:
     """Ids, int64, shape (H, W), or RGB, uint8, shape (H, W, 3); of a palette indices, or colours if asked for."""
     try:
-        with Image.open(BytesIO(path.read_bytes())) as image:
+        data = read_bytes(path, "a label image (PNG)", MAX_IMAGE_BYTES)
+        check_image_file(path, data)
+        with Image.open(BytesIO(data)) as image:
+            check_image_size(path, *image.size)
             if image.format == "JPEG":
                 raise InputError(
                     f"{path}: found a JPEG, whose ids are blurred, expected a lossless image (PNG)"
@@ -129,9 +135,8 @@ def _read_pixels(path: Path, coloured: bool) -> np.ndarray:
             pixels = np.asarray(image)
     except UnidentifiedImageError as error:
         raise InputError(f"{path}: does not decode, expected a label image (PNG)") from error
-    except (OSError, SyntaxError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise InputError(f"{path}: cannot be read ({reason}), expected a label image (PNG)") from error
+    except DECODER_ERRORS as error:
+        raise InputError(f"{path}: cannot be read ({reason(error)}), expected a label image (PNG)") from error
     if pixels.ndim == 3 and image.mode == "LA":
         pixels = pixels[..., 0]
     if pixels.ndim != 2 or pixels.dtype.kind not in "iub":

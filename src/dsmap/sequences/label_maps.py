@@ -6,10 +6,11 @@ import re
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from dsmap.classes import CLASS_NAMES, NUM_CLASSES, NYU40_NAMES, NYU40_TO_13, VOID
 from dsmap.errors import InputError
+from dsmap.limits import MAX_VALUES_BYTES
+from dsmap.plain import brief, parse_yaml
+from dsmap.reading import read_bytes
 from dsmap.sequences.label_images import LabelMap
 from dsmap.sequences.label_sets import SCANNET_LABEL_MAP, scannet_table
 
@@ -79,9 +80,10 @@ def _find_scannet(recording: Path) -> Path:
 
 
 def _text(path: Path) -> str:
+    data = read_bytes(path, "a label map", MAX_VALUES_BYTES)
     try:
-        return path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
         raise InputError(f"{path}: not readable as text ({error}), expected a label map") from error
 
 
@@ -90,10 +92,7 @@ def _rows(path: Path) -> list[tuple[Any, Any]]:
     text = _text(path)
     if path.suffix.lower() not in (".yaml", ".yml", ".json"):
         return _lines(text)
-    try:
-        content = yaml.safe_load(text)
-    except yaml.YAMLError as error:
-        raise InputError(f"{path}: not readable as YAML ({str(error).splitlines()[0]})") from error
+    content = parse_yaml(text, path)
     if isinstance(content, dict):
         return [(key, value) for key, value in content.items()]
     if not isinstance(content, list) or not all(isinstance(record, dict) for record in content):
@@ -107,7 +106,9 @@ def _record(path: Path, record: dict) -> list[tuple[Any, Any]]:
     """By id, and by colour where one is stated."""
     value = next((record[key] for key in _COLUMNS_CLASS if key in record), None)
     if value is None:
-        raise InputError(f"{path}: found the record {record}, expected id (or color) and class (or name)")
+        raise InputError(
+            f"{path}: found the record {brief(record)}, expected id (or color) and class (or name)"
+        )
     keys = [record[key] for key in _COLUMNS_ID if key in record][:1]
     return [(key, value) for key in [*keys, *[record[k] for k in ("color", "colour") if k in record]]]
 
@@ -142,7 +143,7 @@ def _key(path: Path, key: Any) -> int | tuple[int, int, int]:
     if isinstance(key, str) and key.count(",") == 2:
         key = key.strip("()[] ").split(",")
     try:
-        values = [int(v) for v in (key if isinstance(key, list | tuple) else [key])]
+        values = [_id(v) for v in (key if isinstance(key, list | tuple) else [key])]
     except (TypeError, ValueError):
         values = []
     if len(values) == 3 and all(0 <= v <= 255 for v in values):
@@ -150,16 +151,23 @@ def _key(path: Path, key: Any) -> int | tuple[int, int, int]:
     if len(values) == 1 and 0 <= values[0] < _IDS:
         return values[0]
     raise InputError(
-        f"{path}: found {key!r}, expected an id of 0..{_IDS - 1}, or a colour like #ff8000 or 255,128,0"
+        f"{path}: found {brief(key)}, expected an id of 0..{_IDS - 1}, or a colour like #ff8000 or 255,128,0"
     )
+
+
+def _id(value: Any) -> int:
+    """A whole number, or one as text. Raises ValueError: anything else, a truth value or a fraction included."""
+    if isinstance(value, str) or (isinstance(value, int) and not isinstance(value, bool)):
+        return int(value)
+    raise ValueError(value)
 
 
 def _class(path: Path, value: Any) -> int:
     """One of the 13, by number or by its name or that of an NYU40 class."""
-    text = str(value).strip()
-    if text.isdigit() and int(text) < NUM_CLASSES:
+    text = str(value).strip() if isinstance(value, str | int) and not isinstance(value, bool) else ""
+    if text.isascii() and text.isdigit() and int(text) < NUM_CLASSES:
         return int(text)
-    name = re.sub(r"[\s_-]", "", text.lower())
+    name = re.sub(r"[\s_-]", "", text.lower()[:200])
     if name in _NAMES:
         return _NAMES[name]
     if name.removesuffix("s") in _NAMES:
@@ -167,6 +175,6 @@ def _class(path: Path, value: Any) -> int:
     near = difflib.get_close_matches(name, _NAMES, 1)
     meant = f"{near[0]!r}, or " if near else ""
     raise InputError(
-        f"{path}: found the class {text!r}, expected {meant}0..{NUM_CLASSES - 1} or one of {', '.join(CLASS_NAMES)} "
-        "(or a name of NYU40)"
+        f"{path}: found the class {brief(text)}, expected {meant}0..{NUM_CLASSES - 1} or one of "
+        f"{', '.join(CLASS_NAMES)} (or a name of NYU40)"
     )

@@ -7,11 +7,14 @@ from pathlib import Path, PurePosixPath
 import numpy as np
 
 from dsmap.errors import InputError
+from dsmap.reading import is_file
 from dsmap.sequences.stamps import SECONDS, Unit, unit_of
 from dsmap.sequences.text import Line, is_number, read_lines, read_text
 
 _LEAD = re.compile(r"(\S+?)[\s,;]+(.+)$")
 _FOUR = re.compile(r"(\S+?)[\s,;]+(.+?)[\s,;]+([-+]?\d[\d.eE+-]*)[\s,;]+(.+)$")
+_FARTHEST_M = 1e5
+"""No camera is further from where it began."""
 _QUATERNION_TOLERANCE = 0.05
 """A quaternion may be this far from unit length: files have few digits."""
 
@@ -116,7 +119,11 @@ def _pose(values: list[str], order: list[int]) -> np.ndarray | None:
     if not all(map(is_number, values)):
         return None
     pose = np.array([float(v) for v in values])[order]
-    if not np.isfinite(pose).all() or abs(np.linalg.norm(pose[3:]) - 1) > _QUATERNION_TOLERANCE:
+    if (
+        not np.isfinite(pose).all()
+        or np.abs(pose[:3]).max() > _FARTHEST_M
+        or abs(np.linalg.norm(pose[3:]) - 1) > _QUATERNION_TOLERANCE
+    ):
         return None
     return pose
 
@@ -144,12 +151,12 @@ def _file(folder: Path, text: str) -> Path:
     text = text.strip().strip("\"'").replace("\\", "/").strip()
     first = re.split(r"[\s,;]+", text)[0]
     for name in dict.fromkeys((text, first)):
-        if (folder / name).is_file():
+        if is_file(folder / name):
             return folder / name
     for name in dict.fromkeys((text, first)):  # a path of the machine that wrote the list
         parts = PurePosixPath(name).parts
         for candidate in (Path(*parts[-2:]), Path(parts[-1])):
-            if (folder / candidate).is_file():
+            if is_file(folder / candidate):
                 return folder / candidate
     return folder / (first if Path(first).suffix else text)
 

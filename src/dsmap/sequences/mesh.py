@@ -8,6 +8,8 @@ import numpy as np
 from dsmap.classes import PALETTE
 from dsmap.errors import InputError
 from dsmap.files import atomic_path
+from dsmap.limits import MAX_MESH_BYTES
+from dsmap.reading import read_bytes
 
 FILE = "mesh.ply"
 _INDICES = "vertex_indices"
@@ -78,10 +80,7 @@ def read_mesh(path: Path | str) -> LabelledMesh:
         InputError: no such file, not such a mesh, or cut short.
     """
     path = Path(path)
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}), expected a labelled mesh") from error
+    data = read_bytes(path, "a labelled mesh", MAX_MESH_BYTES)
     head, _, body = data.partition(b"end_header\n")
     (v, vertex_type), (f, face_type) = _layout(path, head.decode("ascii", "replace").splitlines())
     expected = v * vertex_type.itemsize + f * face_type.itemsize

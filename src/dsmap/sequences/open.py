@@ -6,8 +6,16 @@ from pathlib import Path
 import numpy as np
 
 from dsmap.errors import InputError
+from dsmap.reading import check_plain, reading
 from dsmap.sequences.base import Entry, Recording, Sequence
-from dsmap.sequences.calibration import FILE, Calibration, known_default, read_calibration, resolve
+from dsmap.sequences.calibration import (
+    FILE,
+    Calibration,
+    check_calibration,
+    known_default,
+    read_calibration,
+    resolve,
+)
 from dsmap.sequences.formats.archive import is_archive, unpack
 from dsmap.sequences.formats.protocol import OPTIONS, Options
 from dsmap.sequences.formats.registry import find_reader
@@ -16,9 +24,11 @@ from dsmap.sequences.images import asks_to_be_turned, image_size, is_depth, stor
 from dsmap.sequences.label_check import settle_labels
 from dsmap.sequences.label_maps import load_label_map
 from dsmap.sequences.redwood import is_redwood, read_redwood
-from dsmap.sequences.seven_scenes import is_seven_scenes, read_seven_scenes
+from dsmap.sequences.seven_scenes import is_rigid, is_seven_scenes, read_seven_scenes
 from dsmap.sequences.tum import is_tum, read_tum
 
+_LATEST_S = 1e11
+"""No stamp is later: seconds since 1970 are 1e9 to 1e10."""
 _ROOM_M = 30.0
 """A larger median of depth is not in metres."""
 _LISTED = 5
@@ -56,12 +66,15 @@ def open_sequence(
         InputError: no layout fits, the calibration is missing or wrong, or no frame is chosen.
     """
     folder = Path(path)
-    if not folder.exists():
-        raise InputError(f"{folder}: found nothing, expected a recording's folder or file")
+    with reading(folder, "a recording's folder or file"):
+        if not folder.exists():
+            raise InputError(f"{folder}: found nothing, expected a recording's folder or file")
+        if not folder.is_dir():
+            check_plain(folder, "a recording's folder or file")
     if is_archive(folder):
         folder = unpack(folder, is_recording)
     stored = read_calibration(folder)
-    recording = read_recording(folder, stored, options)
+    recording = _sound(read_recording(folder, stored, options))
     stored = stored or _calibration_of(recording)
     if size is not None and min(size) < 1:
         raise InputError(
@@ -75,6 +88,8 @@ def open_sequence(
             "colour images ask to be turned (EXIF); their pixels are taken as stored, as depth's are"
         )
     calibration = resolve(recording.layout, folder, found, stored, intrinsics, depth_scale)
+    if calibration.source != FILE:
+        check_calibration(f"{folder}, {calibration.source}", calibration)
     samples = _depth_samples(recording)
     if depth_scale is None and recording.calibration is None and calibration.source != FILE:
         calibration = _in_metres(calibration, samples, recording.notes)
@@ -88,6 +103,11 @@ def read_recording(folder: Path, stored: Calibration | None = None, options: Opt
     Raises:
         InputError: it is none of the layouts; names what was looked for and what was found.
     """
+    with reading(folder, "a recording"):
+        return _read(folder, stored, options)
+
+
+def _read(folder: Path, stored: Calibration | None, options: Options) -> Recording:
     if is_tum(folder):
         known = stored or known_default("tum", folder, 640, 480)  # of whatever size: the stamps are the same
         return read_tum(folder, known.depth_time_offset_s if known else 0.0)
@@ -113,6 +133,24 @@ def is_recording(path: Path) -> bool:
     return is_tum(path) or find_reader(path) is not None or is_seven_scenes(path) or is_redwood(path)
 
 
+def _sound(recording: Recording) -> Recording:
+    """The recording without frames whose stamp cannot be one, and without poses that are none."""
+    times = np.array([entry.time for entry in recording.entries], np.float64)
+    sound = np.abs(times) < _LATEST_S  # not so for NaN
+    if not sound.all():
+        recording.notes.append(
+            f"{int((~sound).sum())} of {len(sound)} frames have no possible time stamp and are left out"
+        )
+    entries = [entry for entry, kept in zip(recording.entries, sound, strict=True) if kept]
+    if not entries:
+        raise InputError(f"{recording.path}: found no frame with a time stamp that can be one, expected some")
+    odd = [e.T_world_camera is not None and not is_rigid(e.T_world_camera) for e in entries]
+    if any(odd):
+        recording.notes.append(f"{sum(odd)} of {len(odd)} poses are no rigid transforms and are left out")
+        entries = [replace(e, T_world_camera=None) if bad else e for e, bad in zip(entries, odd, strict=True)]
+    return replace(recording, entries=entries)
+
+
 def _calibration_of(recording: Recording) -> Calibration | None:
     """The format's own camera; where it has none that is measured, a calibration.yaml beside a recording's file."""
     own = recording.calibration
@@ -125,7 +163,8 @@ def _stated_or_assumed(recording: Recording, size: tuple[int, int], is_given: bo
     """The camera that a file beside the images states; None, and a note on what is assumed, where there is none."""
     depth_size = image_size(recording.entries[0].depth)
     try:
-        found = find_calibration(recording.path, recording.layout, size, depth_size, recording.notes)
+        with reading(recording.path, "a camera in the files beside the images"):
+            found = find_calibration(recording.path, recording.layout, size, depth_size, recording.notes)
     except InputError:
         if not is_given:
             raise

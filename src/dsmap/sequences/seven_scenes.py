@@ -9,10 +9,13 @@ from dsmap.errors import InputError
 from dsmap.frame import orthonormal
 from dsmap.sequences.base import Entry, Recording
 from dsmap.sequences.images import IMAGE_SUFFIXES
+from dsmap.sequences.text import read_matrix
 
 FRAME_RATE = 30.0
 """7-Scenes and Redwood store no stamps; both were taken at 30 Hz."""
 _SUFFIXES = "|".join(suffix.lstrip(".") for suffix in IMAGE_SUFFIXES)
+_FARTHEST_M = 1e5
+"""No camera is further from where it began."""
 _NAME = re.compile(rf"frame-(\d+)\.(color|depth)\.(?:{_SUFFIXES})$", re.IGNORECASE)
 
 
@@ -49,15 +52,18 @@ def read_seven_scenes(folder: Path) -> Recording:
 
 
 def is_rigid(T: np.ndarray) -> bool:
-    """Whether a (4, 4) array is finite and its rotation part orthonormal (to the files' few digits)."""
+    """Whether a (4, 4) array is finite, its rotation orthonormal (to the files' few digits), its last row 0 0 0 1."""
     R = T[:3, :3]
-    return bool(np.isfinite(T).all() and np.abs(R @ R.T - np.eye(3)).max() < 1e-2 and np.linalg.det(R) > 0)
+    return bool(
+        np.isfinite(T).all()
+        and np.abs(T[3] - (0, 0, 0, 1)).max() < 1e-3
+        and np.abs(T).max() < _FARTHEST_M
+        and np.abs(R @ R.T - np.eye(3)).max() < 1e-2
+        and np.linalg.det(R) > 0
+    )
 
 
 def _pose(path: Path) -> np.ndarray | None:
     """Camera to world; None where the file is missing or holds no rigid transform (lost frames do)."""
-    try:
-        T = np.loadtxt(path, dtype=np.float64)
-    except (OSError, ValueError):
-        return None
-    return orthonormal(T) if T.shape == (4, 4) and is_rigid(T) else None
+    T = read_matrix(path)
+    return orthonormal(T) if T is not None and is_rigid(T) else None

@@ -7,11 +7,14 @@ from pathlib import Path
 import numpy as np
 
 from dsmap.errors import InputError
+from dsmap.limits import MAX_TEXT_BYTES
+from dsmap.reading import read_bytes
 
 COMMENTS = ("#", "%", "//", ";")
 """A line that begins with one of these says nothing."""
 _SEPARATOR = re.compile(r"[\s,;]+")
-_NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?$")
+_NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?$", re.ASCII)
+_LONGEST_NUMBER, _LARGEST_NUMBER = 60, 1e30
 
 
 @dataclass(frozen=True)
@@ -34,10 +37,7 @@ def read_text(path: Path) -> str:
     Raises:
         InputError: it cannot be read, or is no text.
     """
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise InputError(f"{path}: not readable as text ({error.strerror or error})") from error
+    data = read_bytes(path, "a text file", MAX_TEXT_BYTES)
     if data.startswith((b"\xff\xfe", b"\xfe\xff")):
         encodings = ["utf-16"]
     elif b"\0" in data[:400]:
@@ -61,8 +61,10 @@ def read_lines(path: Path) -> list[Line]:
 
 
 def is_number(word: str) -> bool:
-    """Whether a word is a finite number."""
-    return _NUMBER.match(word) is not None
+    """Whether a word is a number that may be one of something: finite, and not beyond all measure."""
+    return (
+        len(word) < _LONGEST_NUMBER and _NUMBER.match(word) is not None and abs(float(word)) < _LARGEST_NUMBER
+    )
 
 
 def numbers_of(path: Path) -> np.ndarray | None:

@@ -3,7 +3,6 @@
 Tracks and tags are those of Microsoft's "record file format"; both lenses' distortion is taken out while reading.
 """
 
-import json
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -13,6 +12,7 @@ import numpy as np
 
 from dsmap.errors import InputError
 from dsmap.frame import Intrinsics
+from dsmap.plain import parse_json
 from dsmap.sequences.base import Recording
 from dsmap.sequences.formats.film import Film
 from dsmap.sequences.formats.parts import Stamped, recording_by_stamp, two_cameras
@@ -105,7 +105,7 @@ def _lenses(film: Film, color: tuple[int, int], depth: tuple[int, int]) -> tuple
     if data is None:
         return None
     try:
-        cameras = json.loads(data.rstrip(b"\0"))["CalibrationInformation"]["Cameras"]
+        cameras = parse_json(data.rstrip(b"\0"), film.path)["CalibrationInformation"]["Cameras"]
         by_purpose = {c["Purpose"]: c for c in cameras}
         colour = _lens(by_purpose["CALIBRATION_CameraPurposePhotoVideo"], color, _color_window(*color))
         window = _DEPTH_MODES.get(depth, (*depth, 0, 0))

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from dsmap.errors import InputError
+from dsmap.reading import check_plain
 from dsmap.sequences.extra import optional_library
 
 _READ_ON = 60
@@ -67,6 +68,7 @@ class Film:
             yield frame
 
     def _open(self) -> Any:
+        check_plain(self.path, "a film")
         try:
             return self._av.open(
                 str(self.path), options={"ignore_editlist": "1"}

@@ -1,6 +1,5 @@
 """`transforms.json` with depth (nerfstudio, Polycam, Spectacular AI): frames of file_path, depth_file_path, pose."""
 
-import json
 import re
 from pathlib import Path
 from typing import Any
@@ -9,6 +8,7 @@ import numpy as np
 
 from dsmap.errors import InputError
 from dsmap.frame import Intrinsics
+from dsmap.plain import parse_json
 from dsmap.sequences.base import Recording
 from dsmap.sequences.calibration import Calibration
 from dsmap.sequences.formats.parts import OPENGL_AXES, read_text, recording_by_number, same_size, two_cameras
@@ -30,7 +30,7 @@ def _detect(path: Path) -> bool:
 
 def _read(path: Path, _options: Options) -> Recording:
     try:
-        content = json.loads(read_text(path / _FILE))
+        content = parse_json(read_text(path / _FILE), path / _FILE)
         frames = [frame for frame in content["frames"] if frame.get("depth_file_path")]
         matrices = [np.array(frame["transform_matrix"], np.float64).reshape(-1, 4) for frame in frames]
     except (ValueError, KeyError, TypeError, AttributeError) as error:

@@ -7,7 +7,6 @@ import re
 from functools import partial
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from dsmap.errors import InputError
@@ -16,7 +15,7 @@ from dsmap.sequences.base import Recording
 from dsmap.sequences.calibration import Calibration
 from dsmap.sequences.formats.parts import Stamped, recording_by_stamp
 from dsmap.sequences.formats.protocol import Options, Reader
-from dsmap.sequences.images import Packed, Undistorter, read_colour
+from dsmap.sequences.images import Packed, Undistorter, read_colour, read_stored
 
 _NAME = re.compile(r"([rd])-(\d+\.\d+)-\d+\.(?:ppm|pgm)")
 _COLOUR = Intrinsics(
@@ -76,8 +75,8 @@ def _colour(file: Path, straight: Undistorter) -> np.ndarray:
 
 
 def _depth(file: Path, straight: Undistorter) -> np.ndarray:
-    stored = cv2.imread(str(file), cv2.IMREAD_UNCHANGED)
-    if stored is None or stored.dtype != np.uint16 or stored.ndim != 2:
+    stored = read_stored(file)
+    if stored.dtype != np.uint16 or stored.ndim != 2:
         raise InputError(f"{file}: found no 16-bit PGM, expected the Kinect's disparities")
     depth = depth_of_disparity(stored)
     return straight.nearest(depth) if depth.shape == (_DEPTH.height, _DEPTH.width) else depth

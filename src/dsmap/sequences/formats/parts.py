@@ -9,6 +9,8 @@ import numpy as np
 
 from dsmap.errors import InputError
 from dsmap.frame import Intrinsics, orthonormal
+from dsmap.limits import MAX_TEXT_BYTES
+from dsmap.reading import read_bytes
 from dsmap.sequences.associate import associate
 from dsmap.sequences.base import Entry, Recording
 from dsmap.sequences.calibration import Calibration
@@ -121,7 +123,7 @@ def recording_by_stamp(
 
 def rigid(T: np.ndarray | None) -> np.ndarray | None:
     """The rigid transform that a (4, 4) array is but for rounding, or None."""
-    if T is None or T.shape != (4, 4) or not np.isfinite(T).all() or not is_rigid(T):
+    if T is None or T.shape != (4, 4) or not is_rigid(T):
         return None
     return orthonormal(T)
 
@@ -129,20 +131,15 @@ def rigid(T: np.ndarray | None) -> np.ndarray | None:
 def read_matrix(path: Path, rows: int = 4, columns: int = 4) -> np.ndarray | None:
     """A matrix of numbers in a text file, float64; None where there is none of this shape."""
     try:
-        values = np.array(path.read_text().replace(",", " ").split(), dtype=np.float64)
-    except (OSError, ValueError):
+        values = np.array(read_text(path).replace(",", " ").split(), dtype=np.float64)
+    except (InputError, ValueError):
         return None
     return values.reshape(rows, columns) if values.size == rows * columns else None
 
 
 def read_text(path: Path) -> str:
     """A text file whatever its encoding. Raises InputError if it cannot be read."""
-    try:
-        return path.read_bytes().decode("utf-8-sig", errors="replace")
-    except OSError as error:
-        raise InputError(
-            f"{path}: cannot be read ({error.strerror or error}), expected a text file"
-        ) from error
+    return read_bytes(path, "a text file", MAX_TEXT_BYTES).decode("utf-8-sig", errors="replace")
 
 
 def same_size(a: Intrinsics, b: Intrinsics) -> bool:

@@ -1,6 +1,5 @@
 """Record3D's `.r3d`: a zip of `metadata` (JSON) and `rgbd/N.jpg`, `rgbd/N.depth` (LZFSE), `rgbd/N.conf`."""
 
-import json
 import zipfile
 from functools import partial
 from pathlib import Path
@@ -9,6 +8,7 @@ import numpy as np
 
 from dsmap.errors import InputError
 from dsmap.frame import Intrinsics
+from dsmap.plain import parse_json
 from dsmap.sequences.associate import pose_matrix
 from dsmap.sequences.base import Recording
 from dsmap.sequences.calibration import Calibration
@@ -77,10 +77,7 @@ def _member(path: Path, name: str) -> bytes:
 
 
 def _metadata(path: Path) -> dict:
-    try:
-        content = json.loads(_member(path, "metadata"))
-    except ValueError as error:
-        raise InputError(f"{path}, metadata: {error}, expected JSON") from error
+    content = parse_json(_member(path, "metadata"), f"{path}, metadata")
     if not isinstance(content, dict):
         raise InputError(f"{path}, metadata: found {type(content).__name__}, expected K, w, h, poses, ...")
     return content

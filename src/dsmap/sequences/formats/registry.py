@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from dsmap.reading import DECODER_ERRORS
 from dsmap.sequences.formats import (
     arkitscenes,
     azure_kinect,
@@ -51,5 +52,5 @@ def find_reader(path: Path) -> Reader | None:
 def _detects(reader: Reader, path: Path) -> bool:
     try:
         return reader.detect(path)
-    except OSError:  # a folder that may not be listed is nobody's; the next reader says so
+    except DECODER_ERRORS:  # a folder that may not be listed is nobody's; the next reader says so
         return False

@@ -1,12 +1,12 @@
 """Replica as rendered for NICE-SLAM: `results/frame000000.jpg`, `results/depth000000.png`, `traj.txt`."""
 
-import json
 from pathlib import Path
 
 import numpy as np
 
 from dsmap.errors import InputError
 from dsmap.frame import Intrinsics
+from dsmap.plain import parse_json
 from dsmap.sequences.base import Recording
 from dsmap.sequences.calibration import Calibration
 from dsmap.sequences.formats.parts import numbered, read_text, recording_by_number
@@ -53,7 +53,7 @@ def _calibration(path: Path, colour: dict[int, Path]) -> Calibration | None:
     for file in (path / "cam_params.json", path.parent / "cam_params.json"):
         if file.is_file():
             try:
-                c = json.loads(read_text(file))["camera"]
+                c = parse_json(read_text(file), file)["camera"]
                 fx, fy, cx, cy = (float(c[key]) for key in ("fx", "fy", "cx", "cy"))
                 camera = Intrinsics(int(c["w"]), int(c["h"]), fx, fy, cx, cy)
                 return Calibration(camera, float(c["scale"]), file.name)

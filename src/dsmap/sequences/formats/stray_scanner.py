@@ -20,7 +20,7 @@ from dsmap.sequences.formats.parts import (
     two_cameras,
 )
 from dsmap.sequences.formats.protocol import Options, Reader
-from dsmap.sequences.images import Packed, Source, image_size, read_ids
+from dsmap.sequences.images import Packed, Source, image_size, read_ids, read_stored
 
 _CAMERA, _ODOMETRY, _FILM = "camera_matrix.csv", "odometry.csv", "rgb.mp4"
 
@@ -70,10 +70,7 @@ def _size(file: Path) -> tuple[int, int] | None:
 
 def _depth(file: Path, confidence: Path | None) -> np.ndarray:
     """Depth [mm]; early versions of the app wrote arrays instead of images."""
-    try:
-        depth = np.load(file, allow_pickle=False) if file.suffix == ".npy" else read_ids(file)
-    except (OSError, ValueError) as error:
-        raise InputError(f"{file}: does not decode ({error}), expected depth in millimetres") from error
+    depth = read_stored(file)
     depth = depth.astype(np.uint16)
     return confident(depth, read_ids(confidence)) if confidence is not None else depth
 

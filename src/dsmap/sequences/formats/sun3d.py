@@ -5,7 +5,6 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from dsmap.errors import InputError
@@ -20,7 +19,7 @@ from dsmap.sequences.formats.parts import (
     rigid,
 )
 from dsmap.sequences.formats.protocol import Options, Reader
-from dsmap.sequences.images import Packed, image_size
+from dsmap.sequences.images import Packed, image_size, read_stored, stored_depth
 
 _NAME = re.compile(r"\d+-(\d+)\.(?:jpg|jpeg|png)", re.IGNORECASE)
 _APART_S = 0.034
@@ -83,7 +82,7 @@ def _stamped(folder: Path) -> list[Stamped]:
 def _is_turned(depth: list[Stamped]) -> bool:
     """Whether depth below 8 m has its low three bits empty, as millimetres << 3 have."""
     for stamped in depth[:: max(1, len(depth) // 3)]:
-        stored = cv2.imread(str(stamped.image), cv2.IMREAD_UNCHANGED)
+        stored = stored_depth(stamped.image)
         if stored is not None and stored.dtype == np.uint16 and stored.any():
             return bool((stored[stored > 0].astype(np.int64) % 8 == 0).mean() > 0.9)
     return True
@@ -91,8 +90,8 @@ def _is_turned(depth: list[Stamped]) -> bool:
 
 def _turned_back(path: Path) -> np.ndarray:
     """Depth in millimetres: SUN3D's files hold it turned left by three bits (SUN3Dsfm, depthRead.m)."""
-    stored = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
-    if stored is None or stored.dtype != np.uint16 or stored.ndim != 2:
+    stored = read_stored(path)
+    if stored.dtype != np.uint16 or stored.ndim != 2:
         raise InputError(f"{path}: found no 16-bit image of one channel, expected depth")
     return np.right_shift(stored, 3) | np.left_shift(stored, 13)
 

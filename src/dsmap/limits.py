@@ -1,0 +1,16 @@
+"""How large what comes from outside may be, checked before memory is asked for; each bound is named by its message."""
+
+MAX_IMAGE_PIXELS = 1 << 26
+"""Of an image: 67 million pixels, 8192x8192; no depth camera comes near."""
+MAX_IMAGE_BYTES = 1 << 29
+"""Of an image file."""
+MAX_TEXT_BYTES = 1 << 28
+"""Of a text file (a list of some million lines, a transforms.json)."""
+MAX_MESH_BYTES = 1 << 31
+"""Of a mesh: some 100 million triangles."""
+MAX_VALUES_BYTES = 1 << 22
+"""Of a YAML file."""
+MAX_VALUES = 200_000
+"""Values of a YAML file, aliases counted where they stand."""
+MAX_DEPTH = 60
+"""Levels of nested lists and mappings in YAML and JSON."""
