@@ -9,7 +9,7 @@ from typing import Any
 
 import yaml
 
-from dsmap.errors import InputError, WriteError
+from dsmap.errors import WriteError
 
 
 @contextlib.contextmanager
