@@ -10,8 +10,9 @@ import yaml
 
 from dsmap.config_file import merged
 from dsmap.errors import InputError
-from dsmap.files import atomic_path, read_yaml
+from dsmap.files import atomic_path
 from dsmap.fusion.config import MapConfig
+from dsmap.plain import read_yaml
 from dsmap.tools.mapping.options import OF_A_CALL, Args, Option, options_of
 from dsmap.tools.mapping.spelling import todays_spelling
 

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from dsmap.errors import InputError
 from dsmap.files import write_yaml
