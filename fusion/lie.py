@@ -1,5 +1,7 @@
 """Exponential maps of SO(3) and SE(3), and the small linear algebra of poses, in NumPy float64."""
 
+import math
+
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -16,6 +18,16 @@ def exp_so3(w: np.ndarray) -> np.ndarray:
     if angle < 1e-6:
         return np.eye(3) + W + 0.5 * W @ W
     return np.eye(3) + np.sin(angle) / angle * W + (1 - np.cos(angle)) / angle**2 * W @ W
+
+
+def log_so3(R: np.ndarray) -> np.ndarray:
+    """The rotation vector [rad] whose exponential is R, shape (3,); R may be off a rotation by rounding."""
+    x, y, z = float(R[2, 1] - R[1, 2]), float(R[0, 2] - R[2, 0]), float(R[1, 0] - R[0, 1])
+    twice_sine, twice_cosine = math.sqrt(x * x + y * y + z * z), float(R[0, 0] + R[1, 1] + R[2, 2]) - 1
+    if twice_cosine < -1.9:  # near a half turn the axis is lost in rounding; SciPy takes the time to find it
+        return Rotation.from_matrix(R).as_rotvec()
+    factor = math.atan2(twice_sine, twice_cosine) / twice_sine if twice_sine > 1e-9 else 0.5
+    return np.array([factor * x, factor * y, factor * z])
 
 
 def exp_se3(xi: np.ndarray) -> np.ndarray:
@@ -35,8 +47,8 @@ def exp_se3(xi: np.ndarray) -> np.ndarray:
 
 def log_se3(T: np.ndarray) -> np.ndarray:
     """The twist (translation, rotation) whose exponential is T, shape (6,); rotations below pi."""
-    w = Rotation.from_matrix(T[:3, :3]).as_rotvec()
-    angle = float(np.linalg.norm(w))
+    w = log_so3(T[:3, :3])
+    angle = float(np.sqrt(w @ w))
     W = hat(w)
     bend = 1 / 12 if angle < 1e-4 else 1 / angle**2 - (1 + np.cos(angle)) / (2 * angle * np.sin(angle))
     return np.concatenate([(np.eye(3) - 0.5 * W + bend * W @ W) @ T[:3, 3], w])

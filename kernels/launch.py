@@ -25,6 +25,7 @@ import functools
 import os
 import sys
 import threading
+import weakref
 from collections import deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -218,12 +219,14 @@ class Recorded:
     ):
         _load(kernel.module, wp.get_device(device).alias)
         part, dim = parts[0]
-        inputs, outputs = [part, *inputs], list(outputs)
-        own = wp.launch(kernel, dim=dim, inputs=inputs, outputs=outputs, device=device, record_cmd=True)
+        arguments = [part, *inputs, *outputs]
+        own = _packed(kernel, dim, arguments, device)
+        self._held = arguments  # the launches know addresses only
         self._launches = [own, *(_like(own, part, dim) for part, dim in parts[1:])]
 
     def change(self, position: int, value: Any) -> None:
         """Another value for the input at this position, counted from the first after the slice."""
+        self._held[position + 1] = value
         for launch in self._launches:
             launch.set_param_at_index(position + 1, value)
 
@@ -247,10 +250,38 @@ def _work_off(waiting: deque) -> None:
         launch.launch()
 
 
+def _packed(kernel: Any, dim: Any, arguments: list[Any], device: Any) -> Any:
+    """A recorded launch. Packing an argument costs as much as a thousand pixels, and most are what they were when
+    this thread launched the kernel last: only the others are packed."""
+    kept = _here.__dict__.setdefault("packed", {})
+    slot = (kernel, str(device))
+    if slot not in kept:
+        launch = wp.launch(kernel, dim=dim, inputs=arguments, device=device, record_cmd=True)
+        launch.fwd_args = None  # or a map that nobody has any more would be kept until the next launch
+    else:
+        before, old_dim, old = kept[slot]
+        launch = _copy(before)
+        if dim != old_dim:
+            launch.set_dim(dim)
+        for at, (value, was) in enumerate(zip(arguments, old, strict=True)):
+            if value is not (was() if type(was) is weakref.ref else was):
+                launch.set_param_at_index(at, value)
+    known = [weakref.ref(a) if isinstance(a, wp.array) else a for a in arguments]
+    kept[slot] = _copy(launch), dim, known  # a copy: `change` changes the launch
+    return launch
+
+
+def _copy(launch: Any) -> Any:
+    other = copy.copy(launch)
+    other.params = list(launch.params)
+    if launch.params_addr:  # on CUDA: the addresses of the parameters
+        other.params_addr = type(launch.params_addr)(*launch.params_addr)
+    return other
+
+
 def _like(launch: Any, part: Slice, dim: Any) -> Any:
     """A recorded CPU launch with another slice and dimension."""
-    other = copy.copy(launch)
-    other.params, other.fwd_args = list(launch.params), list(launch.fwd_args)
+    other = _copy(launch)
     other.set_dim(dim)
     other.set_param_at_index(0, part)
     return other

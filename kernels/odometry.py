@@ -17,13 +17,12 @@ from dsmap.kernels.pixel_min import scratch
 from dsmap.kernels.shutter import Shutter, make_shutter, moved
 from dsmap.kernels.types import Surface
 
-SUMS = 29
-"""Sums a residual term: 21 of the upper triangle of J^T J, 6 of J^T r, r^2, number of residuals."""
+SUMS = wp.constant(64)
+"""Sums a residual term: (J, r)^T (J, r, 0) in 7 rows of 8, number of residuals, and a rest that is not used."""
 CUDA_LANES = 32
 _COST = 4
 """A point of `_joint` is about as much work as this many pixels of other kernels: worth a second thread early."""
-_vec6 = wp.types.vector(length=6, dtype=wp.float32)
-_sums = wp.types.vector(length=SUMS, dtype=wp.float32)
+_vec8 = wp.types.vector(length=8, dtype=wp.float32)
 _sums3 = wp.types.vector(length=11, dtype=wp.float32)
 
 
@@ -42,18 +41,28 @@ class TrackingGates:
     stride: wp.int32  # every stride-th pixel of the frame in both directions
 
 
-@wp.func
-def _add(sums: _sums, J: _vec6, r: float, w: float) -> _sums:
-    k = int(0)
-    for i in range(6):
-        for j in range(i, 6):
-            sums[k] += w * J[i] * J[j]
-            k += 1
-    for i in range(6):
-        sums[21 + i] += w * J[i] * r
-    sums[27] += w * r * r
-    sums[28] += 1.0
-    return sums
+@wp.func_native(
+    """
+    float* sum = sums.data + at * 64;
+    const float row[8] = {d[0], d[1], d[2], moment[0], moment[1], moment[2], r, 0.0f};
+#if defined(__CUDA_ARCH__)
+    for (int i = 0; i < 7; ++i)
+        for (int k = 0; k < 8; ++k)
+            sum[8 * i + k] += w * row[i] * row[k];
+#else
+    typedef float Row __attribute__((vector_size(32), aligned(4)));
+    const Row all = *(const Row*)row;
+    for (int i = 0; i < 7; ++i)
+        ((Row*)sum)[i] += w * row[i] * all;
+#endif
+    sum[56] += 1.0f;
+"""
+)
+def _add(sums: wp.array(dtype=float), at: int, d: wp.vec3, moment: wp.vec3, r: float, w: float):
+    """Add a residual with the Jacobian (d, moment) to the sums that begin at SUMS * at.
+
+    A row is a register of a CPU, which compilers do not see in Warp's vectors nor in a loop over single numbers.
+    """
 
 
 @wp.func
@@ -87,12 +96,14 @@ def _joint(
     vertex: wp.array2d(dtype=wp.vec3), normal: wp.array2d(dtype=wp.vec3), intensity: wp.array2d(dtype=float),
     model_vertex: wp.array2d(dtype=wp.vec3), model_normal: wp.array2d(dtype=wp.vec3),
     model_intensity: wp.array2d(dtype=float), model_gradient: wp.array2d(dtype=wp.vec2),
-    partial_icp: wp.array2d(dtype=_sums), partial_rgb: wp.array2d(dtype=_sums),
+    icp: wp.array(dtype=float), rgb: wp.array(dtype=float),
 ):  # fmt: skip
     row, lane = wp.tid()
     y = (s.first + s.stride * row) * gates.stride
-    icp = _sums()
-    rgb = _sums()
+    own = (s.first + s.stride * row) * s.step + lane  # this thread's sums: nobody else adds to them
+    for k in range(SUMS):
+        icp[own * SUMS + k] = 0.0
+        rgb[own * SUMS + k] = 0.0
     for x in range(lane * gates.stride, camera.width, s.step * gates.stride):
         v = vertex[y, x]
         if v[2] <= 0.0:
@@ -114,9 +125,7 @@ def _joint(
         if wp.dot(rotate(T, normal[y, x]), mn) > gates.min_cosine:
             # Eq. 1: ((v^k - exp(xi^) T v_t^k) . n^k)^2, with d(exp(xi^) p) = t + omega x p
             r = wp.dot(gap, mn)
-            moment = wp.cross(p, mn)
-            J = _vec6(mn[0], mn[1], mn[2], moment[0], moment[1], moment[2])
-            icp = _add(icp, J, r, noise * noise * _huber(r, gates.huber_icp))
+            _add(icp, own, mn, wp.cross(p, mn), r, noise * noise * _huber(r, gates.huber_icp))
         x0 = int(wp.floor(u[0]))
         y0 = int(wp.floor(u[1]))
         if x0 < 0 or y0 < 0 or x0 + 1 >= camera.width or y0 + 1 >= camera.height:
@@ -131,11 +140,7 @@ def _joint(
         gx = g[0] * camera.fx / p[2]
         gy = g[1] * camera.fy / p[2]
         d = wp.vec3(gx, gy, -(gx * p[0] + gy * p[1]) / p[2])
-        moment = wp.cross(p, d)
-        J = _vec6(d[0], d[1], d[2], moment[0], moment[1], moment[2])
-        rgb = _add(rgb, J, r, _huber(r, gates.huber_rgb))
-    partial_icp[s.first + s.stride * row, lane] = icp
-    partial_rgb[s.first + s.stride * row, lane] = rgb
+        _add(rgb, own, d, wp.cross(p, d), r, _huber(r, gates.huber_rgb))
 
 
 @wp.kernel
@@ -242,6 +247,11 @@ def _unpack(sums: np.ndarray, n: int) -> NormalEquations:
     )
 
 
+def _joint_equations(sums: np.ndarray) -> NormalEquations:
+    products = sums[:56].reshape(7, 8)
+    return NormalEquations(products[:6, :6], products[:6, 6], float(products[6, 6]), int(sums[56]))
+
+
 def gradient(intensity: wp.array, vertex: wp.array | None = None) -> wp.array:
     """Sobel gradient of an intensity image [1 / px] (the 3x3 sum divided by 8), vec2, shape (H, W).
 
@@ -273,7 +283,7 @@ def joint_normal_equations(
     device = frame.vertex.device
     rows = (camera.height + gates.stride - 1) // gates.stride
     lanes = _lanes(device)
-    partial = [scratch(name, (rows, lanes), _sums, device) for name in ("icp", "rgb")]
+    partial = [scratch(name, (rows * lanes * SUMS,), float, device) for name in ("icp", "rgb")]
     images = [frame.vertex, frame.normal, frame.intensity]
     images += [model.vertex, model.normal, model.intensity, model.gradient]
     inputs = [camera, wp.mat44(), make_shutter(camera, None, 0.0), gates, *images]
@@ -288,7 +298,7 @@ def joint_normal_equations(
         launch()
         # Summed in row order, so that the result does not depend on the number of slices.
         icp, rgb = (p.numpy().reshape(-1, SUMS).sum(axis=0, dtype=np.float64) for p in partial)
-        return _unpack(icp, 6), _unpack(rgb, 6)
+        return _joint_equations(icp), _joint_equations(rgb)
 
     return at
 
