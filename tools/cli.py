@@ -1,5 +1,6 @@
 """The command line: `dsmap <command> [options]`. One module a command, imported only when it is called."""
 
+import contextlib
 import importlib
 import os
 import sys
@@ -10,6 +11,7 @@ import tyro
 
 import dsmap
 from dsmap.errors import InputError, InputWarning
+from dsmap.tools import entry
 from dsmap.tools.support.kernel_cache import make_kernel_cache_writable
 
 COMMANDS: dict[str, tuple[str, str]] = {
@@ -131,7 +133,8 @@ def print_input_warnings() -> None:
 
     def show(message: Any, category: Any, *where: Any, **more: Any) -> None:
         if issubclass(category, InputWarning):
-            print(f"warning: {message}", file=sys.stderr)
+            with contextlib.suppress(OSError):  # a terminal that is gone must not end what it warns of
+                print(f"warning: {message}", file=sys.stderr)
         else:
             usual(message, category, *where, **more)
 
@@ -168,4 +171,4 @@ def _main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    entry.main()

@@ -1,62 +1,40 @@
 """The `dsmap` program: signals are answered from its first line on, then the command line takes over.
 
-This file imports nothing but what Python itself has loaded, so that there is no time in which Ctrl-C is a traceback.
+This file imports nothing that takes time, so that there is no moment in which Ctrl-C is a traceback.
 """
 
 import contextlib
 import os
 import signal
-import stat
 import sys
+from importlib import import_module
 from types import FrameType
 
-_STOPS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
-
-
-class Stopped(KeyboardInterrupt):
-    """A signal asked the program to end."""
-
-    def __init__(self, number: int):
-        super().__init__(signal.Signals(number).name)
-        self.number = number
+from dsmap.stopping import STOPS, Stopped, exit_code, is_ignored, stop_printing
 
 
 def main() -> None:
     """Run `dsmap`; a signal ends it with one line, and 128 + its number as the exit code."""
     try:
-        for number in _STOPS:
-            if (
-                signal.getsignal(number) != signal.SIG_IGN
-            ):  # nohup, or a shell that shields its background jobs
+        for number in STOPS:
+            if not is_ignored(number):
                 signal.signal(number, _stop)
-        from dsmap.tools.cli import main as command_line
-
-        command_line()
+        import_module("dsmap.tools.cli").main()
     except KeyboardInterrupt as error:
         _end(error.number if isinstance(error, Stopped) else signal.SIGINT)
 
 
-def hang_up() -> None:
-    """The terminal is gone: what is printed goes nowhere instead of being an error."""
-    nowhere = os.open(os.devnull, os.O_RDWR)
-    for descriptor in (0, 1, 2):
-        with contextlib.suppress(OSError):
-            if stat.S_ISCHR(os.fstat(descriptor).st_mode):
-                os.dup2(nowhere, descriptor)
-    os.close(nowhere)
-
-
 def _stop(number: int, frame: FrameType | None) -> None:
-    if number == getattr(signal, "SIGHUP", None):
-        hang_up()
-    for other in _STOPS:  # a second signal does not wait for what the first one has set going
-        if signal.getsignal(other) != signal.SIG_IGN:
+    for other in STOPS:  # a second signal does not wait for what the first one has set going
+        if not is_ignored(other):
             signal.signal(other, _end_now)
+    if number == getattr(signal, "SIGHUP", None):
+        stop_printing()
     raise Stopped(number)
 
 
 def _end_now(number: int, frame: FrameType | None) -> None:
-    os._exit(128 + number)
+    os._exit(exit_code(number))
 
 
 def _end(number: int) -> None:
@@ -64,7 +42,7 @@ def _end(number: int) -> None:
         print(f"dsmap: stopped by {signal.Signals(number).name}", file=sys.stderr, flush=True)
     with contextlib.suppress(OSError, ValueError):
         sys.stdout.flush()
-    os._exit(128 + number)  # not by way of threads that wait for what will not come
+    os._exit(exit_code(number))  # not by way of threads that wait for what will not come
 
 
 if __name__ == "__main__":

@@ -1,7 +1,9 @@
-"""The loop over the frames of `dsmap map`: progress, checkpoints, Ctrl-C."""
+"""The loop over the frames of `dsmap map`: progress, checkpoints, signals."""
 
 import signal
 import sys
+import threading
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -10,16 +12,16 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
+from dsmap.errors import InputWarning, WriteError
 from dsmap.fusion.mapper import Mapper, StepResult
 from dsmap.fusion.runs.prepare_ahead import prepare_ahead
 from dsmap.sequences import Sequence
+from dsmap.stopping import STOPS, is_ignored, stop_printing
 
 STRIP_FRAMES = 4
 """Frames shown in the strip picture, spread over the sequence."""
 LOG_EVERY = 20
 """Without a terminal: frames between two lines of progress."""
-INTERRUPTED = 130
-"""Exit code after Ctrl-C, as shells expect; everything so far is written."""
 
 
 @dataclass
@@ -41,22 +43,29 @@ class Run:
     """Seconds spent, before an interruption included."""
 
 
-def run(state: Run, sequence: Sequence, checkpoint_every: int = 0) -> bool:
-    """Map the frames that are not done yet; returns whether Ctrl-C (or SIGTERM) stopped it.
+def run(
+    state: Run, sequence: Sequence, checkpoint_every: int = 0, asked_to_stop: Callable[[], int] | None = None
+) -> int:
+    """Map the frames that are not done yet; returns the signal that stopped it (Ctrl-C, SIGTERM, SIGHUP), or 0.
 
-    The frame in hand is finished first, so that what is written can be resumed. A second Ctrl-C does not wait.
+    The frame in hand is finished first, so that what is written can be resumed. A second signal does not wait.
+    A checkpoint that cannot be written is warned of; mapping goes on.
+
+    Args:
+        asked_to_stop: of `signals_noted`, if the caller notes signals; None: they are noted here.
     """
+    if asked_to_stop is None:
+        with signals_noted() as asked_to_stop:
+            return run(state, sequence, checkpoint_every, asked_to_stop)
     first, earlier, rest = state.done, state.skipped, sequence.rest(state.done)
     position_of = {entry.index: first + i for i, entry in enumerate(rest.entries)}
     positions = set(np.linspace(0, len(sequence) - 1, STRIP_FRAMES + 2).astype(int)[1:-1].tolist())
     bar = tqdm(total=len(sequence), initial=first, unit="frame", disable=None)  # None: off without a terminal
-    with bar, _interruptible() as asked_to_stop:
+    with bar:
         for ready in prepare_ahead(state.mapper, rest if len(rest) else ()):
             frame = ready.frame
             position = position_of[frame.index]
-            while state.done < position:  # a damaged frame: counted, with the last pose
-                state.mapper.skip(sequence.times[state.done])
-                state.done += 1
+            _skip_to(state, position, sequence)
             result = state.mapper.step(frame, ready.maps, waited_ms=ready.waited_ms)
             # Reading is one frame ahead: what it skipped there is not behind us yet.
             passed = [(index, reason) for index, reason in rest.skipped if index < frame.index]
@@ -67,39 +76,75 @@ def run(state: Run, sequence: Sequence, checkpoint_every: int = 0) -> bool:
                 state.shown.append((position, result))
             _progress(bar, state, len(sequence), result)
             if checkpoint_every and state.done % checkpoint_every == 0 and state.done < len(sequence):
-                state.save(state)
-            if asked_to_stop():
-                print("\nstopped: writing what is there so far", file=sys.stderr)
-                return True
+                _checkpoint(state)
+            if number := asked_to_stop():
+                _say("\nstopped: writing what is there so far")
+                return number
+    _skip_to(state, len(sequence), sequence)
     state.skipped = earlier + rest.skipped
-    return False
+    return 0
+
+
+def _skip_to(state: Run, position: int, sequence: Sequence) -> None:
+    """Damaged frames up to a position: counted, with the last pose."""
+    while state.done < position:
+        state.mapper.skip(sequence.times[state.done])
+        state.done += 1
+
+
+def _checkpoint(state: Run) -> None:
+    try:
+        state.save(state)
+    except WriteError as error:
+        text = f"no checkpoint after frame {state.done} ({error}); mapping goes on"
+        warnings.warn(text, InputWarning, stacklevel=2)
+
+
+def _say(text: str) -> None:
+    """Print to stderr; that nobody reads it is no reason to lose the map."""
+    try:
+        print(text, file=sys.stderr, flush=True)
+    except OSError:
+        stop_printing()
 
 
 def _progress(bar: Any, state: Run, total: int, result: StepResult) -> None:
     count = state.mapper.surfels.count
     outcome = "ok" if result.tracked else f"LOST: {result.reason}"
     bar.set_postfix_str(f"{count:,} surfels, {outcome}", refresh=False)
-    bar.update(state.done - bar.n)
+    try:
+        bar.update(state.done - bar.n)
+    except OSError:
+        stop_printing()
     if bar.disable and state.done % LOG_EVERY == 0:
-        print(f"frame {state.done} of {total}: {count:,} surfels, {outcome}", file=sys.stderr)
+        _say(f"frame {state.done} of {total}: {count:,} surfels, {outcome}")
 
 
 @contextmanager
-def _interruptible() -> Iterator[Callable[[], bool]]:
-    """Inside, the first SIGINT or SIGTERM only makes the yielded function true; a second SIGINT interrupts."""
-    asked = False
+def signals_noted() -> Iterator[Callable[[], int]]:
+    """Inside, the first signal that asks to stop only makes the yielded function return its number (0 before).
+
+    A second one is answered as it was outside.
+    """
+    asked = 0
+    before: dict[int, Any] = {}
+
+    def restore() -> None:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
     def ask(number: int, frame: Any) -> None:
         nonlocal asked
-        asked = True
-        signal.signal(signal.SIGINT, signal.default_int_handler)
+        asked = number
+        restore()
+        if number == getattr(signal, "SIGHUP", None):
+            stop_printing()
 
-    try:
-        before = {number: signal.signal(number, ask) for number in (signal.SIGINT, signal.SIGTERM)}
-    except ValueError:  # not the main thread: signals are someone else's
-        before = {}
+    if threading.current_thread() is threading.main_thread():  # elsewhere signals are someone else's
+        for number in STOPS:
+            if not is_ignored(number):
+                before[number] = signal.signal(number, ask)
     try:
         yield lambda: asked
     finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+        restore()

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from dsmap.classes import write_classes
-from dsmap.files import atomic_path, write_json
+from dsmap.files import all_that_fits, atomic_path, write_json
 from dsmap.fusion.loops.record import record_values
 from dsmap.fusion.mapper import Mapper
 from dsmap.fusion.runs.checkpoint import save_map
@@ -25,20 +25,25 @@ def save_run(
 
     Every file is whole or absent: each is written under a temporary name and renamed. Trajectory and loops
     are those of this recording; frames of an earlier one, whose map it started in, have negative numbers.
+
+    Raises:
+        WriteError: after all that could be written was; names what was not.
     """
     run_dir = Path(run_dir)
     surfels = mapper.surfels.numpy()
     probabilities = mapper.probabilities() if with_probabilities else None
-    write_ply(run_dir / "map.ply", surfels, probabilities=probabilities, up=mapper.up)
-    write_ply(run_dir / "labels.ply", surfels, colour="label", up=mapper.up)
     points = _points(mapper)
     stamps = [point.time for point in points]
-    write_trajectory(run_dir / "trajectory.txt", list(zip(stamps, at_colour_stamps(points), strict=True)))
-    _write_status(run_dir / "trajectory_status.txt", points)
-    write_json(run_dir / "loops.json", {"loops": _loops(mapper)}, indent=2)
-    write_classes(run_dir / "classes.json")
-    if checkpoint:
-        save_map(mapper, run_dir / CHECKPOINT)
+    with all_that_fits(run_dir) as attempt:
+        attempt(write_ply, run_dir / "map.ply", surfels, probabilities=probabilities, up=mapper.up)
+        attempt(write_ply, run_dir / "labels.ply", surfels, colour="label", up=mapper.up)
+        rows = list(zip(stamps, at_colour_stamps(points), strict=True))
+        attempt(write_trajectory, run_dir / "trajectory.txt", rows)
+        attempt(_write_status, run_dir / "trajectory_status.txt", points)
+        attempt(write_json, run_dir / "loops.json", {"loops": _loops(mapper)}, indent=2)
+        attempt(write_classes, run_dir / "classes.json")
+        if checkpoint:
+            attempt(save_map, mapper, run_dir / CHECKPOINT)
 
 
 def config_values(mapper: Mapper) -> dict[str, Any]:

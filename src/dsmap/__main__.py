@@ -4,4 +4,4 @@ from importlib import import_module
 
 if __name__ == "__main__":
     # By name: everything under src/dsmap stands below the tools, this one line excepted.
-    import_module("dsmap.tools.cli").main()
+    import_module("dsmap.tools.entry").main()

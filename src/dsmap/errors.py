@@ -9,9 +9,19 @@ class InputError(Exception):
     """
 
 
+class WriteError(InputError):
+    """What was to be written could not be: a full disk, a folder without permission.
+
+    Args:
+        message: the sentence.
+        files: names of the files that are missing now, or as old as before.
+        reason: the system's words.
+    """
+
+    def __init__(self, message: str, files: tuple[str, ...] = (), reason: str = ""):
+        super().__init__(message)
+        self.files, self.reason = files, reason
+
+
 class InputWarning(UserWarning):
     """Input that can be worked with, though less well; the message says why, and what is done."""
-
-
-class WriteError(InputError):
-    """What was to be written could not be: a full disk, a folder without permission."""

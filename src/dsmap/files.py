@@ -3,7 +3,7 @@
 import contextlib
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -34,10 +34,35 @@ def atomic_path(path: Path | str, durable: bool = False) -> Iterator[Path]:
                 os.fsync(file.fileno())
         os.replace(temporary, path)
     except OSError as error:
-        raise WriteError(f"cannot write {path}: {error.strerror or error}") from error
+        why = error.strerror or str(error)
+        raise WriteError(f"cannot write {path}: {why}", (path.name,), why) from error
     finally:
         with contextlib.suppress(OSError):  # a parent that is a file must not hide the error above
             temporary.unlink(missing_ok=True)
+
+
+@contextlib.contextmanager
+def all_that_fits(folder: Path) -> Iterator[Callable[..., None]]:
+    """Yield a function that calls a writer with its arguments; a file that cannot be written is no reason to give up
+    the others.
+
+    Raises:
+        WriteError: at the end, with the names of all that could not be written.
+    """
+    missing: list[str] = []
+    reasons: list[str] = []
+
+    def attempt(write: Callable[..., Any], *args: Any, **options: Any) -> None:
+        try:
+            write(*args, **options)
+        except WriteError as error:
+            missing.extend(error.files or (str(error),))
+            reasons.append(error.reason or str(error))
+
+    yield attempt
+    if missing:
+        why = "; ".join(dict.fromkeys(reasons))
+        raise WriteError(f"{folder}: not written: {', '.join(missing)} ({why})", tuple(missing), why)
 
 
 def write_json(path: Path | str, values: Any, indent: int | None = 1) -> None:

@@ -88,11 +88,14 @@ def test_damaged_frames_are_skipped_and_counted(tmp_path, capsys):
     depth = sorted((path / "depth").iterdir())
     depth[4].write_bytes(depth[4].read_bytes()[:200])
     depth[7].unlink()
+    depth[-1].write_bytes(b"")
     out = tmp_path / "run"
     assert run("map", [str(path), "--out", str(out), "--no-pictures", *MAP]) == 0
     stats = json.loads((out / "stats.json").read_text())["tracking"]
-    assert stats["skipped_frames"] == 2 and stats["lost_frames"] == 2
-    assert len(np.loadtxt(out / "trajectory.txt")) == len(FRAMES), "a skipped frame keeps its line"
+    assert stats["skipped_frames"] == 3 and stats["lost_frames"] == 3
+    assert len(np.loadtxt(out / "trajectory.txt")) == len(FRAMES), (
+        "a skipped frame keeps its line, the last one, too"
+    )
     assert depth[4].name in capsys.readouterr().out
 
 

@@ -80,10 +80,10 @@ def test_killed_and_resumed_equals_straight(recording, straight, tmp_path, capsy
     assert stats["tracking"]["skipped_frames"] == 1
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_stopped_and_resumed_equals_straight(recording, straight, tmp_path, number):
     out = tmp_path / "run"
-    assert interrupted(recording, out, number) == 130
+    assert interrupted(recording, out, number) == 128 + number
     assert len(load_run(out).times) < 84 and (out / "map.ply").exists()
     assert run("map", ["--out", str(out), "--resume", "--pictures"]) == 0, "the run knows its recording"
     assert_same_runs(out, straight)

@@ -1,22 +1,25 @@
 """`dsmap map`: a recording goes in, a RUN folder comes out."""
 
+import contextlib
 import time
 from pathlib import Path
 
 import tyro
 
 from dsmap.errors import InputError
-from dsmap.fusion.runs.map_recording import INTERRUPTED, Run, run
+from dsmap.files import all_that_fits
+from dsmap.fusion.runs.map_recording import Run, run, signals_noted
 from dsmap.sequences import Sequence, open_sequence
 from dsmap.sequences.formats.protocol import Options
 from dsmap.sequences.pose_conventions import with_convention
+from dsmap.stopping import exit_code
 from dsmap.tools.mapping.checks import check_recording, verdict, without_partner
 from dsmap.tools.mapping.help import help_text
 from dsmap.tools.mapping.options import Args
 from dsmap.tools.mapping.output import draw, remove_pictures, report, write_run
 from dsmap.tools.mapping.presets import write_preset
 from dsmap.tools.mapping.spelling import spelled_out
-from dsmap.tools.mapping.start import claim_folder, default_args, start
+from dsmap.tools.mapping.start import check_new, checkpoint_of, claimed, default_args, start
 from dsmap.tools.support.parse import parse_intrinsics, parse_size
 
 
@@ -45,20 +48,28 @@ def main(args: Args) -> int:
         return 0
     began = time.perf_counter()
     sequence = open_recording(args)
-    state = start(args, sequence)
-    check_recording(args, sequence, state.mapper.config)
-    if not args.resume:
-        claim_folder(args.out, args.overwrite)
-    announce(args, sequence, state)
-    interrupted = run(state, sequence, args.checkpoint_every)
-    state.wall_s += time.perf_counter() - began
-    write_run(args, state, sequence)
-    if args.pictures:
-        draw(args.out, state, sequence)
-    else:
-        remove_pictures(args.out)
-    report(state, args.out)
-    return INTERRUPTED if interrupted else verdict(state, sequence)
+    with contextlib.ExitStack() as held:
+        if args.resume:
+            checkpoint_of(args.out)
+            held.enter_context(claimed(args.out))
+        state = start(args, sequence)
+        check_recording(args, sequence, state.mapper.config)
+        if not args.resume:
+            check_new(args.out, args.overwrite)
+            held.enter_context(claimed(args.out))
+        announce(args, sequence, state)
+        asked_to_stop = held.enter_context(signals_noted())  # writing is finished first, too
+        run(state, sequence, args.checkpoint_every, asked_to_stop)
+        state.wall_s += time.perf_counter() - began
+        with all_that_fits(args.out) as attempt:
+            attempt(write_run, args, state, sequence)
+            if args.pictures:
+                attempt(draw, args.out, state, sequence)
+            else:
+                remove_pictures(args.out)
+            report(state, args.out)
+        stopped = asked_to_stop()
+    return exit_code(stopped) if stopped else verdict(state, sequence)
 
 
 def open_recording(args: Args) -> Sequence:

@@ -22,7 +22,9 @@ _ADVICE = {
 }
 """Part of a reason that a frame is lost for -> what to try."""
 _USUAL_ADVICE = (
-    "try --start to leave out a bad beginning, and check intrinsics and depth scale with `dsmap info`"
+    "the likeliest reasons are a wrong depth scale (--depth-scale), wrong intrinsics (--intrinsics), images too small "
+    "(--size), or depth outside the range (--depth-min, --depth-max): `dsmap info` shows what was understood; "
+    "--start leaves out a bad beginning"
 )
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from dsmap.files import write_json, write_yaml
+from dsmap.files import all_that_fits, write_json, write_yaml
 from dsmap.fusion.labels.segment import segment_later
 from dsmap.fusion.runs.map_recording import Run
 from dsmap.fusion.runs.run_folder import config_values, save_run, statistics
@@ -15,8 +15,11 @@ from dsmap.tools.mapping.options import Args
 
 
 def write_run(args: Args, state: Run, sequence: Sequence) -> None:
-    """Write everything but the pictures; the checkpoint last: where it is new, all else is."""
-    save_run(state.mapper, args.out, with_probabilities=args.save_probabilities, checkpoint=False)
+    """Write everything but the pictures; the checkpoint last: where it is new, all else is.
+
+    Raises:
+        WriteError: after all that could be written was; names what was not.
+    """
     k = sequence.intrinsics
     values: dict[str, Any] = {
         "sequence": {
@@ -32,9 +35,14 @@ def write_run(args: Args, state: Run, sequence: Sequence) -> None:
         "map": config_values(state.mapper),
         "segmenter": dataclasses.asdict(args.spec),
     }  # fmt: skip
-    write_yaml(args.out / "config.yaml", values)
-    write_json(args.out / "stats.json", statistics(state.mapper, len(state.skipped), state.wall_s), indent=2)
-    state.save(state)
+    stats = statistics(state.mapper, len(state.skipped), state.wall_s)
+    with all_that_fits(args.out) as attempt:
+        attempt(
+            save_run, state.mapper, args.out, with_probabilities=args.save_probabilities, checkpoint=False
+        )
+        attempt(write_yaml, args.out / "config.yaml", values)
+        attempt(write_json, args.out / "stats.json", stats, indent=2)
+        attempt(state.save, state)
 
 
 def draw(out: Path, state: Run, sequence: Sequence) -> None:

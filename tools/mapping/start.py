@@ -1,11 +1,15 @@
 """How a run of `dsmap map` starts: anew, where a checkpoint stopped, or in a saved map."""
 
+import contextlib
 import dataclasses
+import os
+from collections.abc import Iterator
 from pathlib import Path
 
 from dsmap.config_file import fill
-from dsmap.errors import InputError
+from dsmap.errors import InputError, WriteError
 from dsmap.files import as_read_back
+from dsmap.folders import locked, remove_leftovers
 from dsmap.fusion.config import MapConfig
 from dsmap.fusion.mapper import Mapper
 from dsmap.fusion.runs.checkpoint import load_map, read_metadata, save_map
@@ -73,18 +77,33 @@ def start(args: Args, sequence: Sequence) -> Run:
     return Run(mapper, lambda now: _save(args, now))
 
 
-def claim_folder(out: Path, overwrite: bool) -> None:
-    """Make sure that the RUN folder is ours to write, before an hour is spent on it."""
+def check_new(out: Path, overwrite: bool) -> None:
+    """Refuse a RUN folder that holds something already."""
     if out.exists() and not out.is_dir():
         raise InputError(f"{out} is a file; expected a folder to write, or a new name")
     if out.is_dir() and any(out.iterdir()) and not overwrite:
         raise InputError(f"{out} exists and is not empty; expected a new folder, or --overwrite")
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-        (out / ".probe").touch()
-        (out / ".probe").unlink()
-    except OSError as error:
-        raise InputError(f"{out} cannot be written ({error.strerror}); expected a writable folder") from error
+
+
+@contextlib.contextmanager
+def claimed(out: Path) -> Iterator[None]:
+    """The RUN folder is ours alone, can be written, and holds nothing that a killed process was writing.
+
+    Raises:
+        InputError: another process writes it, or it cannot be written: said before an hour is spent on it.
+    """
+    with locked(out, "run"):
+        for folder in (out, out / "pictures"):
+            remove_leftovers(folder)
+        probe = out / f".probe.{os.getpid()}.tmp"
+        try:
+            probe.touch()
+            probe.unlink()
+        except OSError as error:
+            raise WriteError(
+                f"{out} cannot be written ({error.strerror}); expected a writable folder"
+            ) from error
+        yield
 
 
 def checkpoint_of(path: Path) -> Path:
@@ -158,8 +177,6 @@ def _resume(args: Args, config: MapConfig, sequence: Sequence, segmenter: Segmen
         raise InputError(
             f"{args.path}: its stamps are not those of {args.out}; expected the recording it was begun with"
         )
-    for left in args.out.glob(".*.tmp*"):  # what a killed process was writing
-        left.unlink()
     return state
 
 
