@@ -1,13 +1,10 @@
 """CIFAR-10: the official archives (binary and python version), or images in one folder a class."""
 
-import codecs
-import io
-import pickle
+import pickletools
 import tarfile
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar
 
 import cv2
 import numpy as np
@@ -19,6 +16,14 @@ _DOWNLOAD = "cifar-10-binary.tar.gz or cifar-10-python.tar.gz of the CIFAR-10 pa
 _RECORD = 1 + 3072
 """Bytes of an image in the binary version: its label, then the red, green and blue planes."""
 _IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png")
+_MOST_BYTES = 1 << 26
+"""Of one file of an archive: twice an official batch."""
+_NUMBERS = ("BININT", "BININT1", "BININT2", "INT", "LONG1")
+_OF_A_LIST = (
+    "EMPTY_LIST", "MARK", "APPEND", "APPENDS", "PUT", "BINPUT", "LONG_BINPUT", "MEMOIZE", "FRAME",
+    "GET", "BINGET", "LONG_BINGET", "TUPLE", "TUPLE2", "REDUCE", "LIST",
+)  # fmt: skip
+"""What stands in a pickle between a key, its list, and the list's numbers; some write a key as encoded latin1."""
 
 
 @dataclass(frozen=True)
@@ -87,6 +92,8 @@ def _files(path: Path) -> Iterator[tuple[str, bytes]]:
         for file in sorted(path.rglob("*")):
             name = file.relative_to(path.parent).as_posix()
             if file.is_file() and _is_of_interest(name):
+                if file.stat().st_size > _MOST_BYTES:
+                    raise _too_large(name)
                 yield name, file.read_bytes()
         return
     if not path.is_file():
@@ -95,10 +102,18 @@ def _files(path: Path) -> Iterator[tuple[str, bytes]]:
         with tarfile.open(path) as archive:
             for member in archive:
                 stream = archive.extractfile(member) if _is_of_interest(member.name) else None
-                if stream is not None:
-                    yield member.name, stream.read()
+                if stream is None:
+                    continue
+                content = stream.read(_MOST_BYTES + 1)
+                if len(content) > _MOST_BYTES:
+                    raise _too_large(member.name)
+                yield member.name, content
     except (tarfile.TarError, OSError, EOFError, ValueError) as error:
         raise InputError(f"{path}: damaged archive ({error}), expected {_DOWNLOAD}") from error
+
+
+def _too_large(name: str) -> InputError:
+    return InputError(f"{name}: more than {_MOST_BYTES >> 20} MiB, expected a batch or an image of CIFAR-10")
 
 
 def _is_of_interest(name: str) -> bool:
@@ -115,16 +130,34 @@ def _binary(data: bytes, name: str) -> ClassifiedImages:
 
 
 def _python(data: bytes, name: str) -> ClassifiedImages:
+    """A batch of the python version. Its pickle is read for two fields as text is; nothing in it is carried out.
+
+    It holds one byte string of whole images, and after the key `labels` a list of as many small numbers.
+    """
+    pixels, labels = b"", [-1]
+    collecting = ended = False
     try:
-        content = _ArrayUnpickler(io.BytesIO(data), encoding="bytes").load()
-        planes, labels = np.asarray(content[b"data"]), np.asarray(content[b"labels"])
-    except Exception as error:  # a damaged pickle can raise anything
+        for code, value, _ in pickletools.genops(data):
+            if isinstance(value, str | bytes):
+                text = value.encode("latin-1") if isinstance(value, str) else value
+                pixels = max(pixels, text, key=len)
+                if text == b"labels":
+                    collecting, labels = True, []
+                elif text != b"latin1":
+                    collecting = False
+            elif collecting and code.name in _NUMBERS:
+                labels.append(int(value))
+            elif code.name not in _OF_A_LIST:
+                collecting = False
+            ended = code.name == "STOP"
+    except (ValueError, OverflowError, UnicodeEncodeError, IndexError) as error:
         raise InputError(f"{name}: no batch of CIFAR-10's python version ({error})") from error
-    if planes.dtype != np.uint8 or planes.shape != (len(labels), _RECORD - 1):
+    if not ended or not labels or len(pixels) != len(labels) * (_RECORD - 1):
         raise InputError(
-            f"{name}: images are {planes.dtype} {planes.shape}, expected uint8 ({len(labels)}, 3072)"
+            f"{name}: found {len(pixels)} bytes of pixels and {len(labels)} labels, expected 3072 bytes a label as in "
+            "a batch of CIFAR-10's python version"
         )
-    return _checked(planes, labels, name)
+    return _checked(np.frombuffer(pixels, np.uint8).reshape(len(labels), -1), np.array(labels), name)
 
 
 def _checked(planes: np.ndarray, labels: np.ndarray, name: str) -> ClassifiedImages:
@@ -140,20 +173,3 @@ def _picture(data: bytes, name: str) -> np.ndarray:
         found = "nothing that decodes" if image is None else f"{image.shape[1]}x{image.shape[0]}"
         raise InputError(f"{name}: {found}, expected an image of 32x32")
     return cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
-
-
-class _ArrayUnpickler(pickle.Unpickler):
-    """Unpickles containers and plain arrays, and nothing that could run code."""
-
-    _ALLOWED: ClassVar[dict[tuple[str, str], object]] = {
-        ("numpy.core.multiarray", "_reconstruct"): np.empty(0).__reduce__()[0],
-        ("numpy._core.multiarray", "_reconstruct"): np.empty(0).__reduce__()[0],
-        ("numpy", "ndarray"): np.ndarray,
-        ("numpy", "dtype"): np.dtype,
-        ("_codecs", "encode"): codecs.encode,
-    }
-
-    def find_class(self, module: str, name: str) -> object:
-        if (module, name) not in self._ALLOWED:
-            raise pickle.UnpicklingError(f"{module}.{name} is not allowed in it")
-        return self._ALLOWED[module, name]

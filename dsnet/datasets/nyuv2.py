@@ -5,7 +5,9 @@ Beside it must lie `splits.mat` (the official split) and the 40 classes of Gupta
 """
 
 import functools
+import math
 import os
+import zlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,6 +24,12 @@ from dsmap.frame import Intrinsics
 from dsmap.sequences.images import clean_depth
 
 MAT_NAME = "nyu_depth_v2_labeled.mat"
+MAX_MAT_BYTES = 1 << 30
+"""Of one variable of a MATLAB file: the largest there is, labels40, has 445 MB."""
+MAX_PIECE_BYTES = 1 << 28
+"""Of one image of an HDF5 file, and of what it unpacks at once."""
+_MAT_PACKED = 15
+"""miCOMPRESSED: a variable of a MATLAB file that is packed by zlib."""
 _COLOUR_CAMERA = DepthView(Intrinsics(640, 480, 518.9, 519.5, 325.6, 253.7))
 """Of the toolbox; depth is registered to it."""
 SPLITS = ("train", "val", "trainval", "test")
@@ -96,12 +104,9 @@ class MatItem:
 
 def _checked(content: Any, file: Path) -> int:
     """Number of images, after a look at the shapes."""
-    missing = [name for name in ("images", "depths", "labels") if name not in content]
-    if missing:
-        raise InputError(
-            f"{file}: no {', '.join(missing)} in it, expected the labeled dataset of NYU Depth v2"
-        )
-    images, depths, labels = (content[name].shape for name in ("images", "depths", "labels"))
+    images, depths, labels = (
+        dataset_of(content, name, file).shape for name in ("images", "depths", "labels")
+    )
     if len(images) != 4 or (images[0], *images[2:]) != depths or depths != labels:
         raise InputError(
             f"{file}: shapes {images}, {depths}, {labels} of images, depths, labels do not agree"
@@ -152,12 +157,52 @@ def _opened(path: Path, process: int) -> Any:
         raise InputError(f"{path}: not a readable HDF5 file ({error}), expected a MATLAB 7.3 file") from error
 
 
+def dataset_of(content: Any, name: str, file: Path) -> Any:
+    """An array of an HDF5 file by its name, which may lead through groups.
+
+    HDF5 lets names and arrays lie in other files, whatever those are: a data set could show what is on this machine.
+
+    Raises:
+        InputError: it is not there, it lies elsewhere, or one image of it is too large.
+    """
+    import h5py
+
+    for part in name.split("/"):
+        link = content.get(part, getlink=True) if isinstance(content, h5py.Group) else None
+        if link is None:
+            raise InputError(f"{file}: no {name} in it, expected the labeled dataset of NYU Depth v2")
+        if not isinstance(link, h5py.HardLink):
+            raise InputError(f"{file}: {name} is a link to elsewhere, expected the data in the file itself")
+        content = content[part]
+    return checked_array(content, name, file)
+
+
+def checked_array(array: Any, name: str, file: Path) -> Any:
+    """The array, if it lies in its own file and comes in pieces of moderate size.
+
+    Raises:
+        InputError: it does not.
+    """
+    import h5py
+
+    if not isinstance(array, h5py.Dataset) or array.external or array.is_virtual:
+        raise InputError(f"{file}: {name} lies in another file, expected the data in the file itself")
+    pieces = (array.shape[1:] if array.ndim > 2 else array.shape, array.chunks or ())
+    largest = max(math.prod(shape) for shape in pieces) * array.dtype.itemsize
+    if largest > MAX_PIECE_BYTES:
+        raise InputError(
+            f"{file}: {name} has pieces of {largest:,} bytes, expected at most {MAX_PIECE_BYTES:,} an image"
+        )
+    return array
+
+
 def read_mat(path: Path, name: str) -> Any:
     """One variable of a MATLAB file of before version 7.3.
 
     Raises:
-        InputError: unreadable, or without this variable.
+        InputError: unreadable, too large, or without this variable.
     """
+    check_mat_size(path)
     try:
         content = scipy.io.loadmat(path, variable_names=[name], squeeze_me=True, struct_as_record=False)
     except (OSError, ValueError, NotImplementedError, TypeError) as error:
@@ -165,3 +210,29 @@ def read_mat(path: Path, name: str) -> Any:
     if name not in content:
         raise InputError(f"{path}: no variable {name!r} in it")
     return np.atleast_1d(content[name])
+
+
+def check_mat_size(path: Path) -> None:
+    """Look at what the variables of a MATLAB file of version 5 promise, packed ones too, before they are read.
+
+    Raises:
+        InputError: one is larger than MAX_MAT_BYTES; the file cannot be read.
+    """
+    try:
+        with open(path, "rb") as file:
+            head = file.read(128)
+            order = {b"IM": "little", b"MI": "big"}.get(head[126:128])
+            while order is not None and len(tag := file.read(8)) == 8:
+                kind, size = (int.from_bytes(tag[k : k + 4], order) for k in (0, 4))  # type: ignore[arg-type]
+                start = file.tell()
+                promised = size
+                if kind == _MAT_PACKED:
+                    inner = zlib.decompressobj().decompress(file.read(min(size, 1 << 12)), 8)
+                    promised = int.from_bytes(inner[4:8], order)  # type: ignore[arg-type]
+                if promised > MAX_MAT_BYTES:
+                    raise InputError(
+                        f"{path}: a variable of {promised:,} bytes, expected at most {MAX_MAT_BYTES:,}"
+                    )
+                file.seek(start + size)
+    except (OSError, ValueError, zlib.error) as error:
+        raise InputError(f"{path}: not a readable MATLAB file ({error})") from error

@@ -12,7 +12,7 @@ import numpy as np
 
 from dsmap.classes import CLASS_NAMES, NYU40_TO_13
 from dsmap.dsnet.datasets.base import Example, FileItem, Item, LabelledSet, require, to_classes
-from dsmap.dsnet.datasets.nyuv2 import open_hdf5, read_mat
+from dsmap.dsnet.datasets.nyuv2 import checked_array, dataset_of, open_hdf5, read_mat
 from dsmap.errors import InputError
 from dsmap.sequences.images import read_colour
 
@@ -86,8 +86,9 @@ class ToolboxItem:
     def read(self, with_geometry: bool = True) -> Example:
         content = open_hdf5(self.labels)
         try:
-            references = content["SUNRGBD2Dseg"]["seglabel"]
-            stored = np.asarray(content[np.ravel(references[self.index])[0]]).T  # MATLAB's order, reversed
+            references = dataset_of(content, "SUNRGBD2Dseg/seglabel", self.labels)
+            labels = checked_array(content[np.ravel(references[self.index])[0]], "seglabel", self.labels)
+            stored = np.asarray(labels).T  # MATLAB's order, reversed
         except (KeyError, OSError, ValueError, IndexError, AttributeError) as error:
             raise InputError(f"{self.name}: damaged ({error!r}), expected SUNRGBD2Dseg.seglabel") from error
         rgb = read_colour(self.rgb)

@@ -12,6 +12,7 @@ import numpy as np
 from dsmap.errors import InputError
 from dsmap.sim_scenes.geometry.shapes import Shape, box, cushion, lathe
 from dsmap.sim_scenes.importers.chunk import Chunk, Foreign
+from dsmap.sim_scenes.importers.mjcf_size import check_size
 from dsmap.sim_scenes.scene import Light, Material
 
 VISIBLE_GROUPS = (0, 1, 2)
@@ -22,6 +23,7 @@ _WIDE = 20.0
 
 def read_mjcf(path: Path) -> Foreign:
     """The model at rest (`qpos0`). Names for the class: geom, bodies from the inside out, mesh, material, `group N`."""
+    check_size(path)
     try:
         model = mujoco.MjModel.from_xml_path(str(path))
     except (ValueError, mujoco.FatalError, mujoco.UnexpectedError) as error:

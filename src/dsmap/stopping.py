@@ -23,8 +23,11 @@ def exit_code(number: int) -> int:
 
 
 def is_ignored(number: int) -> bool:
-    """Whether whoever started the program wants it to live on: nohup, or a shell that shields background jobs."""
-    return signal.getsignal(number) == signal.SIG_IGN
+    """Whether whoever started the program wants it to outlive the terminal (nohup).
+
+    A shell ignores Ctrl-C for its background jobs, too; one that is sent to the program itself is meant all the same.
+    """
+    return number == getattr(signal, "SIGHUP", None) and signal.getsignal(number) == signal.SIG_IGN
 
 
 def stop_printing() -> None:

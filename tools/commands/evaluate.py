@@ -12,6 +12,7 @@ import tyro
 from tqdm import tqdm
 
 from dsmap.classes import CLASS_NAMES
+from dsmap.config_file import fill
 from dsmap.dsnet.datasets.base import Example
 from dsmap.dsnet.datasets.folders import is_rendered
 from dsmap.dsnet.datasets.geometry import DepthView
@@ -26,7 +27,7 @@ from dsmap.sequences import open_sequence
 from dsmap.sequences.formats.protocol import Options
 from dsmap.sequences.pose_conventions import with_convention
 from dsmap.sequences.tum import is_tum
-from dsmap.tools.mapping.segmenters import SegmenterSpec, make_segmenter
+from dsmap.tools.mapping.segmenters import SegmenterSpec, make_segmenter, names_code
 from dsmap.tools.support.parse import parse_intrinsics
 from dsmap.tools.support.score_tables import network_table, run_tables
 
@@ -47,6 +48,9 @@ class Args:
     """With --data: show the network no geometry, what it makes of photographs without depth."""
     max_frames: int = MAX_FRAMES
     """Labelled frames that a run's semantics are scored on, evenly spread; 0: all."""
+    segmenter: str | None = None
+    """Score this segmenter instead of the run's: dsnet, labels, none or module:factory (see `dsmap map`). A run that
+    was labelled by code of your own needs it: what a RUN folder names is not run."""
     engine: Literal["auto", "torch", "onnx"] | None = None
     """What runs the network (see `dsmap map`); default: as the run did, or the fastest that is installed."""
     out: Path | None = None
@@ -113,16 +117,24 @@ def segmenter_of(run: Run, args: Args) -> Segmenter | None:
     """
     values: dict[str, Any] = run.settings.get("segmenter") or {"kind": "none"}
     try:
-        spec = SegmenterSpec(**values)
+        spec = fill(SegmenterSpec(), values, f"{run.path / 'config.yaml'}: segmenter")
+        if names_code(spec.kind) and args.segmenter is None:
+            print(
+                f"warning: the run was labelled by code, {spec.kind}; what a folder names is not run: the network is "
+                f"not scored without --segmenter {spec.kind}"
+            )
+            return None
+        if args.segmenter is not None:
+            spec = dataclasses.replace(spec, kind=args.segmenter)
         if spec.kind == "dsnet" and spec.weights is args.weights is None and "prior" not in values:
             print(
                 "warning: the run was labelled by a network that no longer ships, the one scored is dsnet-p"
             )
         given = {key: getattr(args, key) for key in ("weights", "engine", "prior")}
         spec = dataclasses.replace(spec, **{key: v for key, v in given.items() if v is not None})
-        return make_segmenter(spec)
+        return make_segmenter(spec, code=args.segmenter is not None)
     except (InputError, ModuleNotFoundError, TypeError) as error:
-        if args.weights is not None:
+        if args.weights is not None or args.segmenter is not None:
             raise
         print(f"warning: the run's segmenter cannot be built ({error}); the network is not scored")
         return None

@@ -36,8 +36,16 @@ class SegmenterSpec:
     alike (best average over classes); without it as the weights say."""
 
 
-def make_segmenter(spec: SegmenterSpec, device: str = "cpu") -> Segmenter | None:
+def names_code(kind: Any) -> bool:
+    """Whether a `--segmenter` word is module:factory: code that would be run."""
+    return isinstance(kind, str) and ":" in kind
+
+
+def make_segmenter(spec: SegmenterSpec, device: str = "cpu", code: bool = False) -> Segmenter | None:
     """Build the segmenter that a spec names; None for `none`.
+
+    Args:
+        code: whether it may be module:factory. Only the command line may name code, no file.
 
     Raises:
         InputError: an unknown name, a factory that is not there, foreign weights.
@@ -52,20 +60,29 @@ def make_segmenter(spec: SegmenterSpec, device: str = "cpu") -> Segmenter | None
         from dsmap.dsnet.inference.predict import load_segmenter
 
         return load_segmenter(spec.weights, device, spec.engine, spec.prior)
-    module_name, colon, factory_name = spec.kind.partition(":")
-    if not colon:
+    if not names_code(spec.kind):
         raise InputError(f"--segmenter is {spec.kind!r}; expected dsnet, labels, none or module:factory")
+    if not code:
+        raise InputError(
+            f"a file names the code {spec.kind} as its segmenter; expected --segmenter {spec.kind} on the command line"
+        )
+    module_name, _, factory_name = spec.kind.partition(":")
     return _from_factory(module_name, factory_name)
 
 
 def _from_factory(module_name: str, factory_name: str) -> Any:
     if "" not in sys.path:
-        sys.path.insert(0, "")  # a console script does not look into the current folder by itself
+        sys.path.append("")  # last: nothing in the current folder may pass for a part of dsmap or of Python
     try:
         factory = getattr(importlib.import_module(module_name), factory_name)
-    except (ImportError, AttributeError) as error:
+    except (ImportError, AttributeError, ValueError, SyntaxError) as error:
         raise InputError(
             f"--segmenter {module_name}:{factory_name} cannot be loaded ({error}); expected an importable "
             "module with a factory that returns a segmenter"
         ) from error
-    return factory()
+    try:
+        return factory()
+    except Exception as error:  # code of the user's own
+        raise InputError(
+            f"--segmenter {module_name}:{factory_name} raised {type(error).__name__} ({error}); expected a segmenter"
+        ) from error

@@ -21,7 +21,7 @@ from dsmap.kernels.runtime import chosen_device
 from dsmap.sequences import Sequence
 from dsmap.tools.mapping.options import OF_A_CALL, Args, options_of, plain_values, with_values
 from dsmap.tools.mapping.presets import load_preset, option
-from dsmap.tools.mapping.segmenters import make_segmenter
+from dsmap.tools.mapping.segmenters import make_segmenter, names_code
 
 _MAY_CHANGE = (
     *("path", "out", "config", "write_config", "overwrite", "resume"),
@@ -38,7 +38,7 @@ def default_args(usual: Args, argv: list[str]) -> Args:
         values = read_metadata(path)["run"].get("command")
         if values is None:
             raise InputError(f"{path}: not written by `dsmap map`; expected a RUN folder of it")
-        return with_values(usual, values, str(path))
+        return _without_code(with_values(usual, values, str(path)), str(path), argv)
     if name is None:
         return usual
     values = load_preset(name)
@@ -47,7 +47,19 @@ def default_args(usual: Args, argv: list[str]) -> Args:
             raise InputError(
                 f"--config {name}: {key!r} has no place in a configuration; expected it as a flag"
             )
-    return dataclasses.replace(with_values(usual, values, f"--config {name}"), config=name)
+    where = f"--config {name}"
+    return dataclasses.replace(_without_code(with_values(usual, values, where), where, argv), config=name)
+
+
+def _without_code(args: Args, where: str, argv: list[str]) -> Args:
+    """The options of a file, which must not be able to say what is run here, whoever wrote it."""
+    kind = args.spec.kind
+    if names_code(kind) and option(argv, "--segmenter") is None:
+        raise InputError(
+            f"{where}: names the code {kind} as its segmenter, which no file may; expected --segmenter {kind} on the "
+            "command line, if you trust it"
+        )
+    return args
 
 
 def start(args: Args, sequence: Sequence) -> Run:
@@ -58,7 +70,7 @@ def start(args: Args, sequence: Sequence) -> Run:
     """
     config = args.map.resolved_for(sequence)
     _check(args)
-    segmenter = make_segmenter(args.spec, torch_device(config.device))
+    segmenter = make_segmenter(args.spec, torch_device(config.device), code=True)
     saved = checkpoint_of(args.localize_in) if args.localize_in is not None else None
     if saved is not None:
         theirs = _saved_config(saved)

@@ -1,14 +1,19 @@
 """Images stored as arrays: NumPy's .npy and .npz, and OpenEXR."""
 
 import io
+import math
 import tempfile
 import zipfile
+import zlib
+from typing import IO
 
 import numpy as np
 
 from dsmap.errors import InputError
 from dsmap.sequences.extra import optional_library
 
+MAX_ARRAY_BYTES = 1 << 28
+"""Of the arrays of one file, unpacked: 67 million floats, far beyond any depth camera."""
 _NUMPY = (b"\x93NUMPY", b"PK\x03\x04")
 _EXR = b"\x76\x2f\x31\x01"
 _DEPTH_CHANNELS = ("Z", "depth", "Y", "V", "R")
@@ -32,12 +37,21 @@ def read_array(where: str, data: bytes) -> np.ndarray:
     if data.startswith(_EXR):
         return _exr(where, data)
     try:
+        _check_size(where, data)
         loaded = np.load(io.BytesIO(data), allow_pickle=False)
         if isinstance(loaded, np.ndarray):
             arrays = [loaded]
         else:
             arrays = [loaded[name] for name in sorted(loaded.files, key=lambda name: name != "depth")]
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile, KeyError) as error:
+    except (
+        OSError,
+        ValueError,
+        EOFError,
+        zipfile.BadZipFile,
+        KeyError,
+        NotImplementedError,
+        zlib.error,
+    ) as error:
         raise InputError(
             f"{where}: found an array that does not decode ({error}), expected a whole file"
         ) from error
@@ -45,6 +59,37 @@ def read_array(where: str, data: bytes) -> np.ndarray:
     if found is None:
         raise InputError(f"{where}: found no array of the shape of an image, expected one of depth")
     return found
+
+
+def _check_size(where: str, data: bytes) -> None:
+    """Look at what the headers promise before memory is asked for."""
+    if not data.startswith(b"PK"):
+        _check_header(where, io.BytesIO(data))
+        return
+    with zipfile.ZipFile(io.BytesIO(data)) as archive:
+        members = archive.infolist()
+        promised = sum(member.file_size for member in members)
+        if promised > MAX_ARRAY_BYTES:
+            raise _too_large(where, promised)
+        for member in members:
+            if member.filename.endswith(".npy"):
+                with archive.open(member) as stream:
+                    _check_header(where, stream)
+
+
+def _check_header(where: str, stream: IO[bytes]) -> None:
+    version = np.lib.format.read_magic(stream)
+    read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+    shape, _, dtype = read(stream)
+    promised = math.prod(shape) * dtype.itemsize
+    if promised > MAX_ARRAY_BYTES or min(shape, default=0) < 0:
+        raise _too_large(where, promised)
+
+
+def _too_large(where: str, promised: int) -> InputError:
+    return InputError(
+        f"{where}: found an array of {promised:,} bytes, expected an image of at most {MAX_ARRAY_BYTES:,}"
+    )
 
 
 def _exr(where: str, data: bytes) -> np.ndarray:
