@@ -164,9 +164,11 @@ def test_flags_out_of_range(tmp_path):
 def test_malformed_lists(tmp_path):
     folder = write_tum(tmp_path / "s")
     good = (folder / "rgb.txt").read_text()
-    (folder / "rgb.txt").write_text(good + "nonsense\n")
+    (folder / "rgb.txt").write_text(good + "nonsense\n6.0 rgb/0.000000.png\n")
     with pytest.raises(InputError, match=r"rgb\.txt:9: found 'nonsense'"):
         open_sequence(folder)
+    (folder / "rgb.txt").write_text(good + "0.2")  # a recorder was stopped
+    assert any("last line, '0.2'" in note for note in open_sequence(folder).notes)
     (folder / "rgb.txt").write_text("100.0 rgb/0.000000.png\n")
     with pytest.raises(InputError, match="no two within 20 ms"):
         open_sequence(folder)

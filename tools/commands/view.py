@@ -10,7 +10,7 @@ import tyro
 from dsmap.errors import InputError
 from dsmap.fusion.runs.ply import read_ply, surfels_of_ply, up_of_ply
 from dsmap.sequences.associate import pose_matrix
-from dsmap.sequences.lists import read_poses
+from dsmap.sequences.pose_lists import read_poses
 
 
 @dataclass

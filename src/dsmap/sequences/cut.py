@@ -13,8 +13,9 @@ from dsmap.sequences.associate import MAX_DIFFERENCE_S, pose_vector
 from dsmap.sequences.base import Sequence
 from dsmap.sequences.calibration import write_calibration
 from dsmap.sequences.images import Packed, Source, encoded
-from dsmap.sequences.lists import read_image_list, read_poses
+from dsmap.sequences.lists import read_image_list
 from dsmap.sequences.mesh import FILE as MESH
+from dsmap.sequences.pose_lists import read_poses
 from dsmap.sequences.writer import LISTS
 
 _POSE_MARGIN_S = 1.0

@@ -1,56 +1,50 @@
-"""The camera of a recording in the files that recorders leave beside the images.
+"""The camera of a recording in the files that recorders leave beside the images (`camera_files` reads them)."""
 
-Read are Open3D's `camera_intrinsic.json` and other JSON, ETH3D's `calibration.txt`, `intrinsics.txt` and other
-matrices, `intrinsic/*.txt`, `info.txt`, ORB-SLAM's and ROS's YAML, `transforms.json`.
-"""
-
-import re
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from dsmap.errors import InputError
 from dsmap.frame import Intrinsics
-from dsmap.plain import parse_json, parse_yaml
-from dsmap.sequences.calibration import FILE, Calibration
+from dsmap.sequences.calibration import FILE, Calibration, known_default
+from dsmap.sequences.calibration_checks import check_camera
+from dsmap.sequences.camera_files import FileCamera, camera_in
 from dsmap.sequences.formats.bundlefusion import read_info
 from dsmap.sequences.formats.parts import two_cameras
-from dsmap.sequences.text import numbers_of, read_text
+from dsmap.sequences.names import COLOUR_FOLDERS, folder_of
+from dsmap.sequences.text import read_text
 
 _SCALES = {"tum": 5000.0}
 """Units per metre that are usual in a layout; 1000 in the others."""
 _JSON = ("camera_intrinsic.json", "camera_intrinsics.json", "intrinsic.json", "intrinsics.json", "camera.json",
          "calibration.json", "transforms.json", "cam_params.json", "camera_info.json", "config.json")  # fmt: skip
 _TEXT = ("calibration.txt", "intrinsics.txt", "intrinsic.txt", "camera-intrinsics.txt", "camera_intrinsics.txt",
-         "camera_matrix.txt", "camera_matrix.csv", "camera.txt", "calib.txt", "K.txt", "cam_K.txt",
-         "intrinsics_color.txt", "intrinsic_color.txt", "intrinsics_depth.txt")  # fmt: skip
+         "camera_matrix.txt", "camera_matrix.csv", "camera.txt", "calib.txt", "k.txt", "k.csv", "cam_k.txt", "ost.txt",
+         "intrinsics_color.txt", "intrinsic_color.txt", "cameras.txt", "intrinsics_depth.txt")  # fmt: skip
+_SURELY = tuple(name for name in (*_JSON, *_TEXT) if "intrinsic" in name or name.startswith("cam_"))
+"""Names of nothing but a camera: looked for in the folder above, too, and missed where they state none."""
 _INFO = ("info.txt", "_info.txt")
-_FOLDERS = ("intrinsic", "intrinsics")
-_KEYS = (
-    ("fx", "fy", "cx", "cy"), ("fl_x", "fl_y", "cx", "cy"), ("fx", "fy", "ppx", "ppy"),
-    ("focal_x", "focal_y", "principal_x", "principal_y"), ("f_x", "f_y", "c_x", "c_y"),
-)  # fmt: skip
-_MATRICES = ("intrinsic_matrix", "camera_matrix", "K", "k", "intrinsics", "intrinsic")
-_DISTORTION = ("k1", "k2", "p1", "p2", "k3")
-_SCALE_KEYS = (
-    "DepthMapFactor", "depth_scale", "depth_factor", "integer_depth_scale", "depth_unit_scale_factor", "scale",
-)  # fmt: skip
+_FOLDERS = (
+    "intrinsic",
+    "intrinsics",
+    "calib",
+    "calibration",
+    "camera",
+    "cam",
+    "camera_info",
+    "sparse/0",
+    "sparse",
+)
+_SUFFIXES = (".yaml", ".yml", ".json", ".txt", ".xml", ".npy", ".npz", ".ini", ".cfg", ".conf", ".csv")
+_ANY_NAME = (".yaml", ".yml", ".json", ".xml", ".ini", ".cfg", ".conf")
+"""Suffixes of files that may state a camera whatever they are called; others must say so in their name."""
+_NAMES_OF_CAMERAS = ("intrinsic", "camera", "calib", "cam_", "_cam")
+_MAX_LOOKED_AT = 40
 _SAME_ASPECT = 0.01
-
-
-@dataclass(frozen=True)
-class _Camera:
-    """What a file says, before it is held against the images."""
-
-    values: tuple[float, float, float, float]
-    """fx, fy, cx, cy [px]."""
-    size: tuple[int, int] | None = None
-    distortion: tuple[float, ...] = ()
-    """k1 k2 p1 p2 [k3]."""
-    depth_scale: float | None = None
+_DIFFERENT = 0.01
+"""Relative difference of the focal lengths of two files from which they contradict each other."""
 
 
 def find_calibration(
@@ -69,20 +63,27 @@ def find_calibration(
     for name in _INFO:
         if (folder / name).is_file() and "m_calibration" in read_text(folder / name):
             return read_info(folder / name)
+    stated: list[tuple[str, FileCamera]] = []
     for file in _candidates(folder):
-        found = _camera(file)
-        if found is None:
-            continue
-        source = str(file.relative_to(folder))
-        camera = _at_size(folder / source, found, size, notes)
-        scale = found.depth_scale
-        if scale is None:
-            scale = _SCALES.get(layout, 1000.0)
+        found, source = camera_in(file, size), _relative(file, folder)
+        if found is not None:
+            stated.append((source, found))
+        elif file.name.lower() in _SURELY:
             notes.append(
-                f"assumed: {scale:g} depth units per metre; {source} does not say, --depth-scale does"
+                f"{source}: found no camera in it, expected fx fy cx cy, a 3x3 matrix, or a mapping with these"
             )
-        return _with_depth(folder, camera, size, depth_size, scale, source)
-    return None
+    if not stated:
+        stated = [(f"../{f.name}", c) for f in _above(folder) if (c := camera_in(f, size)) and _fits(c, size)]
+    if not stated:
+        return None
+    source, found = stated[0]
+    camera = _at_size(folder / source, found, size, notes)
+    _say_contradictions(stated, camera, size, notes)
+    scale = found.depth_scale or next((c.depth_scale for _, c in stated if c.depth_scale), None)
+    if scale is None:
+        scale = _SCALES.get(layout, 1000.0)
+        notes.append(f"assumed: {scale:g} depth units per metre; {source} does not say, --depth-scale does")
+    return _with_depth(folder, camera, size, depth_size, scale, source)
 
 
 def _with_depth(
@@ -93,16 +94,48 @@ def _with_depth(
     scale: float,
     source: str,
 ) -> Calibration:
-    """Depth of another size has its own file, or sees what colour sees."""
+    """Depth of another size may have its own file."""
+    calibration = Calibration(camera, scale, source)
     if depth_size is None or depth_size == size:
-        return Calibration(camera, scale, source)
+        return calibration
     own = next((f for f in _depth_files(folder) if f.is_file()), None)
-    found = _camera(own) if own else None
-    if found is not None:
-        return two_cameras(camera, _plain(found, depth_size), np.eye(4), scale, source)
-    if abs(depth_size[0] * size[1] / (depth_size[1] * size[0]) - 1) > _SAME_ASPECT:
-        return Calibration(camera, scale, source)
-    return two_cameras(camera, replace(camera, distortion=None).scaled(*depth_size), np.eye(4), scale, source)
+    found = camera_in(own, depth_size) if own else None
+    if found is None:
+        return calibration
+    return two_cameras(camera, _plain(found, depth_size), np.eye(4), scale, source)
+
+
+def with_depth_of(
+    calibration: Calibration,
+    size: tuple[int, int],
+    depth_size: tuple[int, int] | None,
+    where: Path,
+    notes: list[str],
+) -> Calibration:
+    """The calibration for depth images of another size than the colour images, which see what colour sees.
+
+    Args:
+        size, depth_size: (width, height) of the colour and the depth images as they are stored.
+        where: the recording, for the error.
+
+    Raises:
+        InputError: their shapes say that depth is another camera's.
+    """
+    camera = calibration.intrinsics
+    if depth_size is None or depth_size == (camera.width, camera.height):
+        return calibration
+    (w, h), (width, height) = depth_size, size
+    if calibration.color_camera is not None or abs(w * height / (h * width) - 1) > _SAME_ASPECT:
+        raise InputError(
+            f"{where}: found depth images of {w}x{h}, expected {camera.width}x{camera.height} as the camera of "
+            f"{calibration.source} has; a depth camera of its own is stated in {FILE} (T_color_depth, color_camera)"
+        )
+    notes.append(
+        f"assumed: depth of {w}x{h} sees what colour of {width}x{height} sees; {FILE} states two cameras where it "
+        "does not (T_color_depth, color_camera)"
+    )
+    frame = replace(camera, distortion=None).scaled(w, h)
+    return replace(calibration, intrinsics=frame, color_camera=camera)
 
 
 def _depth_files(folder: Path) -> list[Path]:
@@ -111,174 +144,90 @@ def _depth_files(folder: Path) -> list[Path]:
 
 
 def _candidates(folder: Path) -> Iterator[Path]:
-    for name in (*_JSON, *_TEXT):
-        if (folder / name).is_file():
-            yield folder / name
-    for name in _FOLDERS:
-        if (folder / name).is_dir():
-            yield from sorted((folder / name).glob("*.txt"), key=lambda f: ("color" not in f.name, f.name))
-    for pattern in ("*.yaml", "*.yml"):
-        yield from (f for f in sorted(folder.glob(pattern)) if f.name != FILE)
-
-
-def _camera(file: Path) -> _Camera | None:
-    """The camera of a file, or None where it states none."""
-    suffix = file.suffix.lower()
-    if suffix == ".json":
-        try:
-            return _in_content(parse_json(read_text(file), file), is_by_columns=True)
-        except (ValueError, InputError):
-            return None
-    if suffix in (".yaml", ".yml"):
-        return _in_yaml(file)
-    return _in_numbers(file)
-
-
-def _in_numbers(file: Path) -> _Camera | None:
-    """fx fy cx cy [k1 k2 p1 p2 [k3]], `width height fx fy cx cy`, a matrix K, or lines of `fx = 525`."""
-    numbers = numbers_of(file)
-    if numbers is None:
-        try:
-            pairs = dict(re.findall(r"(?m)^\s*([A-Za-z]\w*)\s*[:=]\s*([-+0-9.eE]+)\s*$", read_text(file)))
-            return _in_content({key.lower(): float(value) for key, value in pairs.items()})
-        except (ValueError, InputError):
-            return None
-    v = [float(n) for n in numbers]
-    if len(v) in (9, 12, 16) and v[1] == v[3 if len(v) == 9 else 4] == 0:
-        fx, fy, cx, cy = (v[0], v[4], v[2], v[5]) if len(v) == 9 else (v[0], v[5], v[2], v[6])
-        return _checked(fx, fy, cx, cy)
-    if len(v) in (4, 8, 9):
-        return _checked(*v[:4], distortion=tuple(v[4:]))
-    if len(v) == 6 and v[0] == int(v[0]) and v[1] == int(v[1]):
-        return _checked(*v[2:], size=(int(v[0]), int(v[1])))
-    return None
-
-
-def _in_yaml(file: Path) -> _Camera | None:
-    """ORB-SLAM's (`Camera.fx`), ROS's camera_info or OpenCV's."""
-    try:
-        text = read_text(file)
-    except InputError:
-        return None
-    lines = [
-        line for line in text.replace("!!opencv-matrix", "").splitlines() if not line.startswith(("%", "---"))
+    """Files that may state the camera, the likeliest first; of a folder of one file a frame the first."""
+    files = _files(folder)
+    known = {file.name.lower(): file for file in reversed(files)}
+    yield from (known[name] for name in (*_JSON, *_TEXT) if name in known)
+    images = folder_of(folder, COLOUR_FOLDERS)
+    for place in (*(folder / name for name in _FOLDERS), *([images] if images else [])):
+        named = [f for f in _files(place) if place != images or _says_camera(f)]
+        # of the colour camera, and of none before the depth camera
+        yield from sorted(named, key=lambda f: ("color" not in f.name, "depth" in f.name, f.name))[:1]
+    rest = [
+        f for f in files if f.name.lower() not in (*_JSON, *_TEXT) and f.name.lower() not in (FILE, *_INFO)
     ]
-    try:
-        content = parse_yaml("\n".join(lines), file)
-    except InputError:
-        return None
-    if not isinstance(content, dict):
-        return None
-    orb = {re.sub(r"^(?:Camera1?|RGBD)\.", "", str(key)): value for key, value in content.items()}
-    return _in_content(orb if orb.keys() != content.keys() else content)
+    yield from [f for f in rest if f.suffix.lower() in _ANY_NAME or _says_camera(f)][:_MAX_LOOKED_AT]
 
 
-def _in_content(content: Any, is_by_columns: bool = False) -> _Camera | None:
-    """The first mapping in nested content that states a camera."""
-    if isinstance(content, list):
-        return next((c for item in content[:50] if (c := _in_content(item, is_by_columns)) is not None), None)
-    if not isinstance(content, dict):
-        return None
-    size = next(
-        (
-            (int(content[w]), int(content[h]))
-            for w, h in (("width", "height"), ("w", "h"), ("image_width", "image_height"))
-            if _is_number(content.get(w)) and _is_number(content.get(h))
-        ),
-        None,
-    )
-    scale = _scale(content)
-    for keys in _KEYS:
-        if all(_is_number(content.get(key)) for key in keys):
-            return _checked(
-                *(float(content[k]) for k in keys), size=size, distortion=_distortion(content), scale=scale
-            )
-    for key in _MATRICES:
-        if (K := _matrix(content.get(key), is_by_columns)) is not None:
-            return _checked(
-                K[0, 0], K[1, 1], K[0, 2], K[1, 2], size=size, distortion=_distortion(content), scale=scale
-            )
-    return next((c for v in content.values() if (c := _in_content(v, is_by_columns)) is not None), None)
+def _files(place: Path) -> list[Path]:
+    """Files of a folder that may be a camera's, in order of name; hidden ones are none."""
+    if not place.is_dir():
+        return []
+    found = (f for f in place.iterdir() if f.suffix.lower() in _SUFFIXES and not f.name.startswith("."))
+    return sorted(f for f in found if f.is_file())
 
 
-def _matrix(value: Any, is_by_columns: bool) -> np.ndarray | None:
-    if isinstance(value, dict):
-        value = value.get("data")
-    try:
-        K = np.array(value, np.float64)
-    except (TypeError, ValueError):
-        return None
-    if K.size != 9:
-        return None
-    by_columns = is_by_columns and K.ndim == 1 and not K[2] and not K[5]  # Open3D and Record3D list K so
-    return K.reshape(3, 3).T if by_columns else K.reshape(3, 3)
+def _says_camera(file: Path) -> bool:
+    name = file.stem.lower()
+    return any(word in name for word in _NAMES_OF_CAMERAS) or name == "k"
 
 
-def _distortion(content: dict) -> tuple[float, ...]:
-    if any(_is_number(content.get(key)) for key in _DISTORTION):
-        return tuple(float(content.get(key, 0.0)) for key in _DISTORTION)
-    for key in ("distortion_coefficients", "D", "d", "coeffs", "dist_coeffs", "distortion"):
-        value = content.get(key)
-        value = value.get("data") if isinstance(value, dict) else value
-        if isinstance(value, list) and 4 <= len(value) <= 5 and all(map(_is_number, value)):
-            return tuple(float(v) for v in value)
-    return ()
+def _above(folder: Path) -> list[Path]:
+    """Files of the folder above that can be nothing but the camera's of all recordings in it."""
+    known = {file.name.lower(): file for file in _files(folder.resolve().parent)}
+    return [known[name] for name in _SURELY if name in known]
 
 
-def _scale(content: dict) -> float | None:
-    """Units per metre; a number below one is metres per unit."""
-    for key in (
-        "DepthMapFactor",
-        "depth_scale",
-        "depth_factor",
-        "integer_depth_scale",
-        "depth_unit_scale_factor",
-        "scale",
-    ):
-        value = content.get(key)
-        number = float(value) if _is_number(value) else 0.0  # type: ignore[arg-type]
-        if number > 0:
-            return number if number >= 1 else round(1 / number, 6)
-    return None
+def _relative(file: Path, folder: Path) -> str:
+    return file.relative_to(folder).as_posix()
 
 
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and bool(np.isfinite(value))
+def _say_contradictions(
+    stated: list[tuple[str, FileCamera]], camera: Intrinsics, size: tuple[int, int], notes: list[str]
+) -> None:
+    """Which other files state another camera of these images."""
+    source = stated[0][0]
+    for other, found in stated[1:]:
+        if "depth" in other.lower() or not _fits(found, size):
+            continue
+        scale = size[0] / found.size[0] if found.size else 1.0
+        if abs(found.values[0] * scale / camera.fx - 1) > _DIFFERENT:
+            notes.append(f"{other} states another camera (fx {found.values[0]:g}): {source} is taken")
+            return
 
 
-def _checked(
-    fx: float, fy: float, cx: float, cy: float, *, size: tuple[int, int] | None = None,
-    distortion: tuple[float, ...] = (), scale: float | None = None,
-) -> _Camera | None:  # fmt: skip
-    if not (np.isfinite([fx, fy, cx, cy]).all() and fx > 1 and abs(fy) > 1 and cx > 0 and cy > 0):
-        return None
-    values = (float(fx), abs(float(fy)), float(cx), float(cy))
-    return _Camera(values, size, distortion if any(distortion) else (), scale)
+def _fits(found: FileCamera, size: tuple[int, int]) -> bool:
+    """Whether a camera may be that of images of a size."""
+    if found.size is not None:
+        return abs(found.size[0] * size[1] / (found.size[1] * size[0]) - 1) <= _SAME_ASPECT
+    return 0.25 < found.values[2] / size[0] < 0.75 and 0.25 < found.values[3] / size[1] < 0.75
 
 
-def _plain(found: _Camera, size: tuple[int, int]) -> Intrinsics:
+def _plain(found: FileCamera, size: tuple[int, int]) -> Intrinsics:
     if not found.distortion:
         return Intrinsics(*size, *found.values)
     k1, k2, p1, p2, k3 = (*found.distortion, 0.0)[:5]
     return Intrinsics(*size, *found.values, (k1, k2, p1, p2, k3))
 
 
-def _at_size(file: Path, found: _Camera, size: tuple[int, int], notes: list[str]) -> Intrinsics:
+def _at_size(file: Path, found: FileCamera, size: tuple[int, int], notes: list[str]) -> Intrinsics:
     """The camera at the size of the images. Raises InputError where it cannot be theirs."""
-    if found.size is not None and found.size != size:
-        (w, h), (width, height) = found.size, size
-        if abs(w * height / (h * width) - 1) > _SAME_ASPECT:
+    camera = _plain(found, found.size or size)
+    if not _fits(found, size):
+        if found.size is not None:
+            (w, h), (width, height) = found.size, size
             raise InputError(
                 f"{file}: found a camera of {w}x{h}, expected {width}x{height} as the images have"
             )
-        notes.append(f"{file.name} speaks of {w}x{h}, the images have {width}x{height}: scaled")
-        return _plain(found, found.size).scaled(*size)
-    camera = _plain(found, size)
-    if not (0.25 < camera.cx / camera.width < 0.75 and 0.25 < camera.cy / camera.height < 0.75):
         raise InputError(
             f"{file}: found cx {camera.cx:g} and cy {camera.cy:g}, expected values near the middle of the images, "
             f"which have {size[0]}x{size[1]}"
         )
+    check_camera(file, camera)
+    if found.size is not None and found.size != size:
+        (w, h), (width, height) = found.size, size
+        notes.append(f"{file.name} speaks of {w}x{h}, the images have {width}x{height}: scaled")
+        return camera.scaled(*size)
     return camera
 
 
@@ -292,16 +241,16 @@ def check_assumed(layout: str, folder: Path, size: tuple[int, int], notes: list[
         "redwood": "PrimeSense's camera (fx = fy = 525 at 640x480)",
         "7-scenes": "the Kinect of 7-Scenes",
     }
-    if layout not in (*names, "tum"):
-        return
     width, height = size
+    if layout == "tum" and known_default("tum", folder, 640, 480) is not None:
+        names["tum"] = "the camera of TUM's recording of this name"
+    if layout not in names:
+        return
     if abs(width * 3 / (height * 4) - 1) > _SAME_ASPECT:
-        if layout == "tum":
-            return
         raise InputError(
             f"{folder}: found images of {width}x{height} and no file that states their camera, which is not "
             f"{names[layout]}; write {folder / FILE} (width, height, fx, fy, cx, cy, depth_scale) or give "
             "--intrinsics fx,fy,cx,cy and --depth-scale"
         )
-    if layout in names:
+    if layout != "tum":
         notes.append(f"assumed: {names[layout]}; no file states another, --intrinsics fx,fy,cx,cy does")

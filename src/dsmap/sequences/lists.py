@@ -1,6 +1,7 @@
-"""Lists of images and of poses: lines led by a time stamp, in the manner of the TUM benchmark."""
+"""Lists of images: lines led by a time stamp, in the manner of the TUM benchmark, or as other programs arrange them."""
 
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
@@ -8,15 +9,20 @@ import numpy as np
 
 from dsmap.errors import InputError
 from dsmap.reading import is_file
-from dsmap.sequences.stamps import SECONDS, Unit, unit_of
-from dsmap.sequences.text import Line, is_number, read_lines, read_text
+from dsmap.sequences.images import IMAGE_SUFFIXES
+from dsmap.sequences.stamps import FRAMES, SECONDS, Unit, unit_of
+from dsmap.sequences.text import is_number, read_lines
 
-_LEAD = re.compile(r"(\S+?)[\s,;]+(.+)$")
-_FOUR = re.compile(r"(\S+?)[\s,;]+(.+?)[\s,;]+([-+]?\d[\d.eE+-]*)[\s,;]+(.+)$")
-_FARTHEST_M = 1e5
-"""No camera is further from where it began."""
-_QUATERNION_TOLERANCE = 0.05
-"""A quaternion may be this far from unit length: files have few digits."""
+_GAP = r"[\s,;]+"
+_STAMP = r"([-+]?[\d.]+(?:[eE][-+]?\d+)?)"
+_COLUMN = re.compile(rf"{_STAMP}{_GAP}")
+_LOOKED_AT = 20
+"""Lines of a list from which its arrangement is told."""
+_HEADINGS = 3
+"""Lines before the first of a list that may say something else."""
+
+Row = tuple[tuple[str, str], ...]
+"""Stamps as plain numbers and what follows as the file's name: one pair, or two for colour and depth."""
 
 
 @dataclass(frozen=True)
@@ -31,42 +37,74 @@ class ImageList:
     """The stamps as written."""
 
 
+def _plain_number(text: str) -> str:
+    """A stamp with commas: those between thousands go (1,560,000,083.25), a lone one is the decimal point."""
+    if re.fullmatch(r"\d{1,3}(?:,\d{3})+(?:\.\d+)?", text) and (text.count(",") > 1 or "." in text):
+        return text.replace(",", "")
+    return text.replace(",", ".", 1)
+
+
+def _arranged(pattern: str, *groups: tuple[int, int]) -> Callable[[str], Row | None]:
+    """A reader of lines: the groups of the stamp (0: none) and of the file's name, for each image of a line."""
+    compiled = re.compile(pattern)
+
+    def read(text: str) -> Row | None:
+        match = compiled.fullmatch(text)
+        if match is None:
+            return None
+        row = tuple((_plain_number(match[s]) if s else "", match[f]) for s, f in groups)
+        return row if all(is_number(stamp) or not stamp for stamp, _ in row) else None
+
+    return read
+
+
+_LISTS = (
+    _arranged(rf"(\S+?){_GAP}(.+)", (1, 2)),
+    _arranged(r"([\d,.]+)[\s;]+(.+)", (1, 2)),  # a comma in the stamp
+    _arranged(rf"\d+{_GAP}{_STAMP}{_GAP}(.+)", (1, 2)),  # a number of the line first
+    _arranged(rf"(.+?){_GAP}{_STAMP}", (2, 1)),  # the file first
+)
+"""Arrangements of a list of one kind of image, the usual one first."""
+_PAIRS = (
+    _arranged(rf"(\S+?){_GAP}(.+?){_GAP}([-+]?\d[\d.eE+-]*){_GAP}(.+)", (1, 2), (3, 4)),
+    _arranged(rf"{_STAMP}{_GAP}(\S+?){_GAP}(\S+)", (1, 2), (1, 3)),  # one stamp for both
+    _arranged(rf"(\S+?){_GAP}(\S+)", (0, 1), (0, 2)),  # no stamp
+    _arranged(rf"(\S+?){_GAP}{_STAMP}{_GAP}(\S+?){_GAP}{_STAMP}", (2, 1), (4, 3)),  # files first
+)
+"""Arrangements of a list of colour and depth images."""
+
+
 def read_image_list(path: Path, notes: list[str]) -> ImageList:
-    """Read a list like `rgb.txt`. A first line of names is passed over; names may have spaces and backslashes.
+    """Read a list like `rgb.txt`; columns may be arranged otherwise, names may have spaces and backslashes.
+
+    Headings are passed over, a torn line is left out; both are said in `notes`.
 
     Raises:
-        InputError: a line has no stamp and file.
+        InputError: lines have no stamp and file.
     """
-    words, files = [], []
-    for line in _without_header(read_lines(path), notes, path):
-        match = _LEAD.match(line.text)
-        if match is None or not is_number(match[1]):
-            raise InputError(
-                f"{path}:{line.number}: found {line.text!r}, expected 2 columns led by a time stamp"
-            )
-        words.append(match[1])
-        files.append(_file(path.parent, match[2]))
-    return _image_list(path, words, files, notes)
+    files = _Files(path)
+    rows = _rows(path, files, _LISTS, notes, "2 columns led by a time stamp")
+    return _image_list(path, [row[0][0] for row in rows], [files.named(row[0][1]) for row in rows], notes)
 
 
 def read_associations(path: Path, notes: list[str]) -> tuple[ImageList, ImageList]:
     """Both lists of a file of lines `stamp file stamp file`, colour first, each in order of time.
 
+    Lines may also be `stamp file file` or `file file`, whose stamps are the numbers of the lines.
+
     Raises:
-        InputError: a line is not of this form, or it cannot be told which is the depth.
+        InputError: lines are not of this form, or there is none.
     """
-    rows = []
-    for line in _without_header(read_lines(path), notes, path):
-        match = _FOUR.match(line.text)
-        if match is None or not is_number(match[1]):
-            raise InputError(f"{path}:{line.number}: found {line.text!r}, expected 'stamp file stamp file'")
-        rows.append((match[1], match[2], match[3], match[4]))
-    first, second = (
-        _image_list(path, [row[i] for row in rows], [_file(path.parent, row[i + 1]) for row in rows], notes)
-        for i in (0, 2)
-    )
-    if not first.files:
+    files = _Files(path)
+    rows = _rows(path, files, _PAIRS, notes, "'stamp file stamp file'")
+    if not rows:
         raise InputError(f"{path}: found no line, expected 'stamp file stamp file'")
+    first, second = (
+        _image_list(
+            path, [row[i][0] or str(k) for k, row in enumerate(rows)], [files.named(row[i][1]) for row in rows], notes
+        )
+        for i in (0, 1)
+    )  # fmt: skip
     return (second, first) if looks_like_depth(first.files[0]) else (first, second)
 
 
@@ -75,106 +113,107 @@ def looks_like_depth(file: Path) -> bool:
     return "depth" in f"{file.parent.name}/{file.name}".lower()
 
 
-def read_poses(path: Path, notes: list[str], unit: Unit | None = None) -> tuple[np.ndarray, np.ndarray]:
-    """Stamps [s], shape (M,), and poses x y z qx qy qz qw, shape (M, 7), in order of time.
-
-    Lines that hold no pose are left out and counted in `notes`. A heading that names the columns is followed.
-
-    Args:
-        unit: of the stamps; None: told from the stamps.
-
-    Raises:
-        InputError: no line holds a pose.
-    """
-    order = _columns(path)
-    words, rows, bad = [], [], []
-    lines = read_lines(path)
-    for line in lines:
-        values = line.words
-        pose = _pose(values[:8], order) if len(values) >= 8 else None
-        if pose is None:
-            bad.append(line)
-        else:
-            words.append(values[0])
-            rows.append(pose)
-    if bad and not is_number(bad[0].words[0]) and bad[0] == lines[0]:
-        bad = bad[1:]  # a heading
-    if not rows:
-        found = f"the pose {bad[0].text!r}" if bad else "no pose"
-        raise InputError(f"{path}: found {found}, expected t tx ty tz qx qy qz qw with a unit quaternion")
-    if bad:
-        notes.append(
-            f"{path.name}: {len(bad)} of {len(bad) + len(rows)} lines hold no pose and are left out "
-            f"(line {bad[0].number}: {bad[0].text[:60]!r})"
-        )
-    unit = unit or unit_of(words)
-    if unit != SECONDS:
-        notes.append(f"{path.name}: its stamps are read as {unit.name}")
-    times, table = unit.times(words), np.array(rows)
-    order_of_time = _order(path, times, notes)
-    return times[order_of_time], table[order_of_time]
-
-
-def _pose(values: list[str], order: list[int]) -> np.ndarray | None:
-    if not all(map(is_number, values)):
-        return None
-    pose = np.array([float(v) for v in values])[order]
-    if (
-        not np.isfinite(pose).all()
-        or np.abs(pose[:3]).max() > _FARTHEST_M
-        or abs(np.linalg.norm(pose[3:]) - 1) > _QUATERNION_TOLERANCE
-    ):
-        return None
-    return pose
-
-
-def _columns(path: Path) -> list[int]:
-    """Which of the eight columns hold x y z qx qy qz qw: a heading may put qw first."""
-    for line in read_text(path).splitlines()[:5]:
-        names = [name.lower() for name in re.findall(r"[A-Za-z_]+", line)]
-        quaternion = [name for name in names if re.fullmatch(r"(q|rot)_?(rs_)?_?[wxyz]", name)]
-        if [name[-1] for name in quaternion[:4]] == ["w", "x", "y", "z"]:
-            return [1, 2, 3, 5, 6, 7, 4]
-    return [1, 2, 3, 4, 5, 6, 7]
-
-
-def _without_header(lines: list[Line], notes: list[str], path: Path) -> list[Line]:
-    """The lines after a heading: a first line that is led by a word where the others are led by a stamp."""
-    if len(lines) > 1 and not is_number(lines[0].words[0]) and is_number(lines[1].words[0]):
-        notes.append(f"{path.name}: its first line, {lines[0].text[:60]!r}, is taken as a heading")
-        return lines[1:]
-    return lines
-
-
-def _file(folder: Path, text: str) -> Path:
-    """The image that a line names; where that is not there, the one of the same name in the listed folder."""
-    text = text.strip().strip("\"'").replace("\\", "/").strip()
-    first = re.split(r"[\s,;]+", text)[0]
-    for name in dict.fromkeys((text, first)):
-        if is_file(folder / name):
-            return folder / name
-    for name in dict.fromkeys((text, first)):  # a path of the machine that wrote the list
-        parts = PurePosixPath(name).parts
-        for candidate in (Path(*parts[-2:]), Path(parts[-1])):
-            if is_file(folder / candidate):
-                return folder / candidate
-    return folder / (first if Path(first).suffix else text)
-
-
-def _image_list(path: Path, words: list[str], files: list[Path], notes: list[str]) -> ImageList:
-    unit = unit_of(words)
-    if unit != SECONDS:
-        rate = " at 30 Hz" if unit.name == "frame numbers" else ""
-        notes.append(f"{path.name}: its stamps are read as {unit.name}{rate}")
-    times = unit.times(words)
-    order = _order(path, times, notes)
-    return ImageList(times[order], [files[i] for i in order], unit, [words[i] for i in order])
-
-
-def _order(path: Path, times: np.ndarray, notes: list[str]) -> np.ndarray:
+def in_order_of_time(path: Path, times: np.ndarray, notes: list[str]) -> np.ndarray:
+    """Indices that sort the stamps of a list; a note where they were not in order."""
     backwards = int((np.diff(times) < 0).sum())
     if backwards:
         notes.append(
             f"{path.name}: {backwards} of {len(times)} time stamps were out of order and have been sorted"
         )
     return np.argsort(times, kind="stable")
+
+
+class _Files:
+    """The images that the lines of a list name."""
+
+    def __init__(self, listed_in: Path):
+        self._folder, self._own = listed_in.parent, listed_in.stem
+        self._listings: dict[Path, dict[str, Path]] = {}
+
+    def named(self, text: str) -> Path:
+        """The image; where it is not there, one of the same name in a folder beside the list."""
+        names = _spellings(text)
+        if (found := self._exact(names)) is not None:
+            return found
+        for name in names:  # a path of the machine that wrote the list
+            parts = PurePosixPath(name).parts
+            for place in (parts[-2:], parts[-1:], (self._own, *parts[-1:])) if parts else ():
+                if (found := self._alike(place)) is not None:
+                    return found
+        return self._folder / (names[-1] if Path(names[-1]).suffix else names[0])
+
+    def has(self, text: str) -> bool:
+        """Whether a line's rest names an image that is there, and does not begin with another column."""
+        if self._exact(_spellings(text)) is not None:
+            return True
+        return _COLUMN.match(text) is None and is_file(self.named(text))
+
+    def _exact(self, names: list[str]) -> Path | None:
+        return next((self._folder / name for name in names if is_file(self._folder / name)), None)
+
+    def _alike(self, parts: tuple[str, ...]) -> Path | None:
+        """The image of this name, in upper or lower case, or without its suffix."""
+        folder = self._folder
+        for part in parts[:-1]:
+            inner = self._listing(folder).get(part.lower())
+            if inner is None:
+                return None
+            folder = inner
+        known, name = self._listing(folder), parts[-1].lower()
+        found = next((known[name + s] for s in ("", *IMAGE_SUFFIXES) if name + s in known), None)
+        return found if found is not None and is_file(found) else None
+
+    def _listing(self, folder: Path) -> dict[str, Path]:
+        """What a folder holds, by name in lower case."""
+        if folder not in self._listings:
+            try:
+                children = sorted(folder.iterdir(), reverse=True)
+            except OSError:
+                children = []
+            self._listings[folder] = {child.name.lower(): child for child in children}
+        return self._listings[folder]
+
+
+def _spellings(text: str) -> list[str]:
+    """The rest of a line as a name that may have blanks, and its first word: more columns may follow."""
+    text = text.strip().strip("\"'").replace("\\", "/").strip()
+    return list(dict.fromkeys((text, re.split(_GAP, text)[0].strip("\"'"))))
+
+
+def _rows(
+    path: Path,
+    files: _Files,
+    arrangements: tuple[Callable[[str], Row | None], ...],
+    notes: list[str],
+    expected: str,
+) -> list[Row]:
+    """The lines of a list, read in the arrangement in which the most of the first name files that are there."""
+    lines = read_lines(path)
+
+    def score(read: Callable[[str], Row | None]) -> int:
+        rows = [row for line in lines[:_LOOKED_AT] if (row := read(line.text)) is not None]
+        return sum(all(files.has(name) for _, name in row) for row in rows)
+
+    read = max(arrangements, key=score)
+    rows = [read(line.text) for line in lines]
+    begin = next((k for k, row in enumerate(rows) if row is not None), 0)
+    if 0 < begin <= _HEADINGS:
+        notes.append(f"{path.name}: its first line, {lines[0].text[:60]!r}, is taken as a heading")
+        lines, rows = lines[begin:], rows[begin:]
+    if len(rows) > 1 and rows[-1] is None:  # a recorder was stopped
+        notes.append(f"{path.name}: its last line, {lines[-1].text[:60]!r}, is no entry and left out")
+        lines, rows = lines[:-1], rows[:-1]
+    bad = next((line for line, row in zip(lines, rows, strict=True) if row is None), None)
+    if bad is not None:
+        raise InputError(f"{path}:{bad.number}: found {bad.text!r}, expected {expected}")
+    return [row for row in rows if row is not None]
+
+
+def _image_list(path: Path, words: list[str], files: list[Path], notes: list[str]) -> ImageList:
+    unit = unit_of(words)
+    if unit != SECONDS:
+        rate = " at 30 Hz" if unit == FRAMES else ""
+        notes.append(f"{path.name}: its stamps are read as {unit.name}{rate}")
+    times = unit.times(words)
+    order = in_order_of_time(path, times, notes)
+    return ImageList(times[order], [files[i] for i in order], unit, [words[i] for i in order])

@@ -4,8 +4,9 @@ Of all the numbers in the names of a folder only those that vary count. They are
 (`frame12`, `1560000083.949189`, `room2_Color_1554370821372.41`, `2021-05-06_000012`, `14-03-02-100`).
 """
 
+import itertools
 import re
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from decimal import Decimal
@@ -35,7 +36,21 @@ DEPTH_FOLDERS = (
     "depth_png", "aligned_depth_to_color",
 )  # fmt: skip
 """Names of folders of images, in lower case, those first that come first."""
+_SAYS_COLOUR = re.compile(r"colou?r|rgb|image|img")
+_SAYS_DEPTH = re.compile(r"depth")
+_SAYS_OTHER = re.compile(
+    r"depth|vis|view|map|mask|seg|label|sem|inst|normal|conf|infra|(?<![a-z])ir(?![a-z])|pred|right|fish|thumb|gray|grey"
+)
+"""In the name of what is no colour image; of what is no depth image, without the depth."""
+_IN_A_NAME = re.compile(r"(?<![a-z])(?:(depth|dpt|d)|(colou?r|rgb|image|img|c))(?![a-z])")
+"""Which image a file of a mixed folder is."""
 _NUMBER = re.compile(r"\d+(?:\.\d+)?")
+_SECONDS = re.compile(r"1\d{9}")
+"""A whole stamp of seconds since 1970."""
+_FRACTION_DIGITS = (3, 6)
+"""Of what follows after whole seconds: milli- or microseconds where all have so many digits, else nanoseconds."""
+_LEAST_FRACTION = 100_000
+"""Numbers after whole seconds that span less count frames."""
 _MANY = 0.5
 """Names of both folders belong together one by one if at least this share of the fewer are the same."""
 _LOSSLESS = (".png", ".tif", ".tiff", ".npy", ".npz", ".exr", ".pgm")
@@ -61,9 +76,32 @@ class Named:
 
 
 def folder_of(parent: Path, names: Iterable[str]) -> Path | None:
-    """The first sub-folder with one of the names, whatever its case, that holds an image."""
+    """The first sub-folder with one of the names, whatever its case, that holds an image; else one named alike."""
     found = {child.name.lower(): child for child in sorted(parent.iterdir()) if child.is_dir()}
-    return next((found[name] for name in names if name in found and images_in(found[name])), None)
+    known = next((found[name] for name in names if name in found and images_in(found[name])), None)
+    if known is not None:
+        return known
+    of_depth = names is DEPTH_FOLDERS
+    return next((found[name] for name in found if _is_named(name, of_depth) and images_in(found[name])), None)
+
+
+def _is_named(name: str, of_depth: bool) -> bool:
+    """Whether a folder's name says depth, or colour, and nothing else."""
+    if not of_depth:
+        return _SAYS_COLOUR.search(name) is not None and _SAYS_OTHER.search(name) is None
+    rest = _SAYS_DEPTH.sub("", name)
+    return rest != name and _SAYS_OTHER.search(rest) is None
+
+
+def mixed_images(folder: Path) -> tuple[list[Path], list[Path]]:
+    """Colour and depth images of one folder that holds both (`color_0001.png`, `depth_0001.png`), in order of name."""
+    colour, depth = [], []
+    for path in images_in(folder):
+        # Both words in a name: the last says what it is (rgbd_room_depth_12).
+        words = _IN_A_NAME.findall(path.stem.lower())
+        if words:
+            (depth if words[-1][0] else colour).append(path)
+    return colour, depth
 
 
 def images_in(folder: Path) -> list[Path]:
@@ -90,7 +128,7 @@ def named_images(files: list[Path], like: str | None = None) -> Named:
     # The plainest name of the most frequent: 00001.png comes before 00001_vis.png.
     chosen = min(groups, key=lambda p: (-len({f.stem for f in groups[p]}), p != like, len(p), p))
     named = Named(left_out=[f for pattern, group in groups.items() if pattern != chosen for f in group])
-    numbers = {path: tuple(_NUMBER.findall(path.stem)) for path in groups[chosen]}
+    numbers = _with_whole_stamps({path: tuple(_NUMBER.findall(path.stem)) for path in groups[chosen]})
     columns = [[Decimal(word) for word in column] for column in zip(*numbers.values(), strict=True)]
     varying = [i for i, column in enumerate(columns) if len(set(column)) > 1] or list(range(len(columns)))[
         -1:
@@ -109,6 +147,22 @@ def named_images(files: list[Path], like: str | None = None) -> Named:
         table.clear()
         table.update(ordered)  # type: ignore[arg-type]
     return named
+
+
+def _with_whole_stamps(numbers: dict[Path, tuple[str, ...]]) -> dict[Path, tuple[str, ...]]:
+    """The numbers of names, with `seconds_nanoseconds` (also milli- and microseconds) put together to one stamp."""
+    columns = list(zip(*numbers.values(), strict=True))
+    for i, (first, second) in enumerate(itertools.pairwise(columns)):
+        if not all(map(_SECONDS.fullmatch, first)) or not all(word.isdigit() for word in second):
+            continue
+        values, lengths = [int(word) for word in second], {len(word) for word in second}
+        if max(map(len, second)) > 9 or max(values) - min(values) < _LEAST_FRACTION * (len(set(first)) == 1):
+            continue
+        digits = lengths.pop() if len(lengths) == 1 and lengths <= set(_FRACTION_DIGITS) else 9
+        return {
+            path: (*w[:i], f"{w[i]}.{w[i + 1].zfill(digits)}", *w[i + 2 :]) for path, w in numbers.items()
+        }
+    return numbers
 
 
 def pattern_of(path: Path) -> str:
@@ -145,6 +199,8 @@ def pair_by_name(
     Raises:
         InputError: no two belong together.
     """
+    if _is_scattered(colour_files) or _is_scattered(depth_files):
+        return _pairs_of_stems(folder, colour_files, depth_files)
     colour = named_images(colour_files)
     like = pattern_of(next(iter(colour.files.values()))) if colour.files else None
     depth = named_images(depth_files, like)
@@ -172,6 +228,31 @@ def pair_by_name(
     return Pairs(
         [colour.files[pairs[i][0]] for i in order], [depth.files[pairs[i][1]] for i in order], times[order],
         depth_times[order], [numbers[i] for i in order] if numbers else None, first, colour.count, depth.count, notes,
+    )  # fmt: skip
+
+
+def _is_scattered(files: list[Path]) -> bool:
+    """Whether names share no manner: letters, hashes."""
+    groups = Counter(map(pattern_of, files))
+    return bool(files) and (
+        max(groups.values()) < _MANY * len(files) or not any(_NUMBER.search(file.stem) for file in files)
+    )
+
+
+def _pairs_of_stems(folder: Path, colour_files: list[Path], depth_files: list[Path]) -> Pairs:
+    """Pairs of the same name but for the suffix, in order of name. Raises InputError: there is none."""
+    colour, depth = ({file.stem: file for file in reversed(files)} for files in (colour_files, depth_files))
+    stems = sorted(colour.keys() & depth.keys())
+    if not stems:
+        raise InputError(
+            f"{folder}: found colour images like {colour_files[0].name} and depth images like {depth_files[0].name}, "
+            "expected the same names, or numbers or stamps in them"
+        )
+    times = np.arange(len(stems)) * FRAMES.seconds
+    notes = ["the names of the images hold no numbers of frames: they are taken in order of name, at 30 Hz"]
+    return Pairs(
+        [colour[s] for s in stems], [depth[s] for s in stems], times, times, list(range(len(stems))), 0,
+        len(colour_files), len(depth_files), notes,
     )  # fmt: skip
 
 

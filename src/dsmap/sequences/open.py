@@ -19,7 +19,7 @@ from dsmap.sequences.calibration import (
 from dsmap.sequences.formats.archive import is_archive, unpack
 from dsmap.sequences.formats.protocol import OPTIONS, Options
 from dsmap.sequences.formats.registry import find_reader
-from dsmap.sequences.found_calibration import check_assumed, find_calibration
+from dsmap.sequences.found_calibration import check_assumed, find_calibration, with_depth_of
 from dsmap.sequences.images import asks_to_be_turned, image_size, is_depth, stored_depth
 from dsmap.sequences.label_check import settle_labels
 from dsmap.sequences.label_maps import load_label_map
@@ -81,8 +81,10 @@ def open_sequence(
             f"size: found {size[0]}x{size[1]}, expected a width and height of at least one pixel"
         )
     found = _image_size(recording, stored)
+    samples = _depth_samples(recording)
+    depth_size = _common_size(samples)
     if stored is None:
-        stored = _stated_or_assumed(recording, found, intrinsics is not None)
+        stored = _stated_or_assumed(recording, found, depth_size, intrinsics is not None)
     if asks_to_be_turned(recording.entries[0].rgb):
         recording.notes.append(
             "colour images ask to be turned (EXIF); their pixels are taken as stored, as depth's are"
@@ -90,7 +92,8 @@ def open_sequence(
     calibration = resolve(recording.layout, folder, found, stored, intrinsics, depth_scale)
     if calibration.source != FILE:
         check_calibration(f"{folder}, {calibration.source}", calibration)
-    samples = _depth_samples(recording)
+    stored_size = (calibration.stored_colour.width, calibration.stored_colour.height)
+    calibration = with_depth_of(calibration, stored_size, depth_size, folder, recording.notes)
     if depth_scale is None and recording.calibration is None and calibration.source != FILE:
         calibration = _in_metres(calibration, samples, recording.notes)
     settle_labels(recording, load_label_map(label_map, folder), calibration.intrinsics)
@@ -122,9 +125,11 @@ def _read(folder: Path, stored: Calibration | None, options: Options) -> Recordi
     names = sorted(entry.name + ("/" if entry.is_dir() else "") for entry in folder.iterdir())
     more = f" and {len(names) - _LISTED} more" if len(names) > _LISTED else ""
     found = ", ".join(names[:_LISTED]) + more if names else "an empty folder"
+    inner = [child for child in sorted(folder.iterdir()) if child.is_dir() and is_recording(child)]
+    hint = f"; {inner[0]} is a recording" if inner else ""
     raise InputError(
         f"{folder}: not a recording; looked for rgb.txt and depth.txt (TUM), frame-*.depth.png (7-Scenes), "
-        f"depth/ beside image/ or color/ (Redwood), and the formats of docs/guide/recordings.md; found {found}"
+        f"depth/ beside image/ or color/ (Redwood), and the formats of docs/guide/recordings.md; found {found}{hint}"
     )
 
 
@@ -159,9 +164,10 @@ def _calibration_of(recording: Recording) -> Calibration | None:
     return own
 
 
-def _stated_or_assumed(recording: Recording, size: tuple[int, int], is_given: bool) -> Calibration | None:
+def _stated_or_assumed(
+    recording: Recording, size: tuple[int, int], depth_size: tuple[int, int] | None, is_given: bool
+) -> Calibration | None:
     """The camera that a file beside the images states; None, and a note on what is assumed, where there is none."""
-    depth_size = image_size(recording.entries[0].depth)
     try:
         with reading(recording.path, "a camera in the files beside the images"):
             found = find_calibration(recording.path, recording.layout, size, depth_size, recording.notes)
@@ -191,6 +197,12 @@ def _depth_samples(recording: Recording) -> list[np.ndarray]:
             "depth of one channel and 16 bits or more; such images are drawings of depth"
         )
     return [stored for _, stored in found if is_depth(stored)]
+
+
+def _common_size(samples: list[np.ndarray]) -> tuple[int, int] | None:
+    """(width, height) of most of the depth images; None where none decodes."""
+    sizes = [(stored.shape[1], stored.shape[0]) for stored in samples]
+    return max(sizes, key=sizes.count) if sizes else None
 
 
 def _in_metres(calibration: Calibration, samples: list[np.ndarray], notes: list[str]) -> Calibration:

@@ -11,20 +11,31 @@ import numpy as np
 from dsmap.errors import InputError
 from dsmap.sequences.base import Entry, Recording
 from dsmap.sequences.lists import read_associations, read_image_list
-from dsmap.sequences.names import COLOUR_FOLDERS, DEPTH_FOLDERS, folder_of, images_in, pair_by_name
+from dsmap.sequences.names import (
+    COLOUR_FOLDERS,
+    DEPTH_FOLDERS,
+    folder_of,
+    images_in,
+    mixed_images,
+    pair_by_name,
+)
 from dsmap.sequences.seven_scenes import is_rigid
 from dsmap.sequences.text import read_text
 from dsmap.sequences.tum import paired, poses_of
 
 _LAYOUT_OF_RGB = "folders"
 """Of `rgb/` beside `depth/`: no camera is the usual one there."""
-_ASSOCIATIONS = ("associations.txt", "association.txt", "associated.txt", "associate.txt")
+_LEAST_MIXED = 3
+"""Colour and depth images in one folder make a recording from this many on."""
+_ASSOCIATIONS = ("associations.txt", "association.txt", "associated.txt", "associate.txt", "assoc.txt")
 
 
 def is_redwood(folder: Path) -> bool:
     if not folder.is_dir():
         return False
-    return folder_of(folder, COLOUR_FOLDERS) is not None and folder_of(folder, DEPTH_FOLDERS) is not None
+    if folder_of(folder, COLOUR_FOLDERS) is not None and folder_of(folder, DEPTH_FOLDERS) is not None:
+        return True
+    return min(map(len, mixed_images(folder))) >= _LEAST_MIXED
 
 
 def read_redwood(folder: Path, depth_time_offset_s: float = 0.0) -> Recording:
@@ -37,13 +48,18 @@ def read_redwood(folder: Path, depth_time_offset_s: float = 0.0) -> Recording:
     """
     colour, depth = folder_of(folder, COLOUR_FOLDERS), folder_of(folder, DEPTH_FOLDERS)
     if colour is None or depth is None:
+        images = mixed_images(folder)
+        layout = _LAYOUT_OF_RGB
+    else:
+        images = images_in(colour), images_in(depth)
+        layout = "redwood" if colour.name.lower() in ("image", "color") else _LAYOUT_OF_RGB
+    if not all(images):
         raise InputError(
             f"{folder}: found no folder of colour or depth images, expected image/ beside depth/"
         )
-    layout = "redwood" if colour.name.lower() in ("image", "color") else _LAYOUT_OF_RGB
     if (listed := _by_lists(layout, folder, depth_time_offset_s)) is not None:
         return listed
-    pairs = pair_by_name(folder, images_in(colour), images_in(depth), depth_time_offset_s)
+    pairs = pair_by_name(folder, *images, depth_time_offset_s)
     poses = _trajectory(folder / "trajectory.log")
     given: list[np.ndarray | None] = [None] * len(pairs.times)
     if poses and pairs.numbers is not None:

@@ -21,6 +21,8 @@ _STEPS = (
     ("nanoseconds", np.inf, 1e-9),
 )
 """Unit, largest usual step between two frames in it, and seconds a unit."""
+_MAX_STEP_S = 60.0
+"""No camera takes its frames so slowly [s]."""
 _USUAL_MS = {16, 17, 20, 25, 33, 34, 40, 50, 66, 67, 100}
 """Whole milliseconds between frames of usual cameras."""
 
@@ -57,10 +59,11 @@ def unit_of(words: list[str]) -> Unit:
     if not len(values):
         return SECONDS
     typical = float(np.median(np.abs(values)))
-    for name, least, seconds in _EPOCH:
-        if typical >= least:
-            return Unit(name, seconds)
     steps = np.diff(np.unique(values))
+    for name, least, seconds in _EPOCH:
+        # Stamps that count from the recording's start may be as large; their steps are too large then.
+        if typical >= least and (not len(steps) or np.median(steps) * seconds <= _MAX_STEP_S):
+            return Unit(name, seconds)
     if not len(steps):
         return FRAMES if _whole(values) and "." not in words[0] else SECONDS
     step = float(np.median(steps))

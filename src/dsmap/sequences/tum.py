@@ -5,9 +5,10 @@ from pathlib import Path
 import numpy as np
 
 from dsmap.errors import InputError
-from dsmap.sequences.associate import associate, poses_at
+from dsmap.sequences.associate import associate, pose_matrix, poses_at
 from dsmap.sequences.base import Entry, Recording
-from dsmap.sequences.lists import ImageList, read_image_list, read_poses
+from dsmap.sequences.lists import ImageList, read_image_list
+from dsmap.sequences.pose_lists import read_poses, read_poses_of_frames
 from dsmap.sequences.stamps import FRAMES
 
 
@@ -69,6 +70,8 @@ def poses_of(path: Path, times: np.ndarray, notes: list[str]) -> list[np.ndarray
     if not path.exists():
         return [None] * len(times)
     try:
+        if (found := read_poses_of_frames(path)) is not None:
+            return _in_order(path, found, len(times), notes)
         poses = poses_at(times, *read_poses(path, notes))
     except InputError as error:
         notes.append(f"poses are not used: {error}")
@@ -77,6 +80,15 @@ def poses_of(path: Path, times: np.ndarray, notes: list[str]) -> list[np.ndarray
     if missing:
         notes.append(f"{path.name}: {missing} of {len(times)} frames have no pose within 20 ms")
     return poses
+
+
+def _in_order(path: Path, found: np.ndarray, frames: int, notes: list[str]) -> list[np.ndarray | None]:
+    """Poses without stamps, if there are as many as frames."""
+    if len(found) != frames:
+        notes.append(f"poses are not used: {path.name} holds {len(found)} without stamps for {frames} frames")
+        return [None] * frames
+    notes.append(f"{path.name}: its poses have no stamps and are taken frame by frame")
+    return [None if np.isnan(pose).any() else pose_matrix(pose) for pose in found]
 
 
 def _optional(path: Path, times: np.ndarray, notes: list[str]) -> dict[int, Path]:

@@ -55,6 +55,10 @@ def _extract(path: Path, folder: Path) -> None:
             for member in members:
                 if stat.S_ISLNK(member.external_attr >> 16):
                     raise InputError(f"{path}: found a link {member.filename}, expected files and folders")
+                if "/" not in member.filename:
+                    member.filename = member.filename.replace(
+                        "\\", "/"
+                    )  # as old Windows programs write names
                 archive.extract(member, folder)  # bounded: zipfile reads no more than file_size
         return
     with tarfile.open(path) as archive:
