@@ -263,6 +263,26 @@ class MovingConfig:
 
 
 @dataclass
+class SegmentConfig:
+    """Geometric segments of the finished map, and the things that are made of them."""
+
+    cell: float = 0.02
+    """Surfels are grouped into cells of this side [m]."""
+    scale: float = 3.0
+    """How reluctantly segments part: larger makes larger segments."""
+    min_area: float = 0.004
+    """Smaller segments [m^2] join a neighbour..."""
+    small_cost: float = 0.5
+    """... unless the crease between them costs more than this (1: a right angle)."""
+    weight: float = 0.5
+    """Share of its segment in a surfel's log probabilities; 0: nothing changes, 1: a segment has one class."""
+    least_thing: float = 0.008
+    """Surface of the smallest thing [m^2]; smaller pieces of one class belong to nothing."""
+    least_plane: float = 0.15
+    """Surface of the smallest piece of wall, floor, ceiling or window [m^2]."""
+
+
+@dataclass
 class MapConfig:
     """All of a run's parameters; those that are None come from the recording's calibration."""
 

@@ -163,6 +163,7 @@ def _insert(
     label: wp.array(dtype=wp.uint8),
     observations: wp.array(dtype=wp.float32),
     evidence: wp.array2d(dtype=wp.float32),
+    segment: wp.array(dtype=wp.int32),
 ):
     row, lane = wp.tid()
     y = s.first + s.stride * row
@@ -180,6 +181,7 @@ def _insert(
             observations[i] = 0.0
             for k in range(evidence.shape[1]):
                 evidence[i, k] = 0.0
+            segment[i] = 0
 
 
 def fuse_frame(
@@ -222,7 +224,8 @@ def fuse_frame(
         m.reserve(m.count + inserted)
         inputs = [camera, to_world, fusion, columns, rows, m.count, rank, *maps, is_new]
         outputs = [m.position, m.normal, m.colour, m.weight, m.radius, m.t_created, m.t_updated]
-        launch_rows(_insert, *shape, inputs, [*outputs, m.label, m.observations, m.evidence], device)
+        labels = [m.label, m.observations, m.evidence, m.segment]
+        launch_rows(_insert, *shape, inputs, [*outputs, *labels], device)
         m.count += inserted
     return inserted
 

@@ -89,6 +89,7 @@ class SurfelMap:
     label: wp.array  # uint8, argmax of the evidence; 0 = never labelled
     observations: wp.array  # float32, label observations n (sum of their weights)
     evidence: wp.array  # float32, shape (capacity, 13): sum of log p (bayes, geometric) or of p (mean)
+    segment: wp.array  # int32, number of the geometric segment; 0 = none (see fusion/objects/segments.py)
     _reserved: dict[str, np.ndarray] = field(
         default_factory=dict, repr=False
     )  # see ADDRESSES; (rows, columns)
@@ -148,7 +149,7 @@ class SurfelMap:
 _DTYPES: dict[str, Any] = {
     "position": wp.vec3, "normal": wp.vec3, "colour": wp.vec3, "weight": wp.float32, "radius": wp.float32,
     "t_created": wp.int32, "t_updated": wp.int32, "label": wp.uint8, "observations": wp.float32,
-    "evidence": wp.float32,
+    "evidence": wp.float32, "segment": wp.int32,
 }  # fmt: skip
 ARRAYS = tuple(_DTYPES)
 """Names of the arrays of a SurfelMap."""

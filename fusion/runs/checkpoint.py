@@ -74,6 +74,7 @@ def load_map(path: Path | str, device: Any = "cpu") -> tuple[SurfelMap, dict[str
         InputError: there is no such file, it is damaged, or it is not a dsmap map of this version.
     """
     arrays, meta = _read(Path(path), with_arrays=True)
+    arrays.setdefault("segment", np.zeros(len(arrays.get("weight", ())), np.int32))  # older files
     missing = [name for name in (*ARRAYS, *_TRAJECTORY) if name not in arrays]
     if missing:
         raise InputError(

@@ -15,8 +15,10 @@ _FIELDS = (
     ("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("nx", "<f4"), ("ny", "<f4"), ("nz", "<f4"),
     ("red", "u1"), ("green", "u1"), ("blue", "u1"),
     ("radius", "<f4"), ("confidence", "<f4"), ("label", "u1"), ("t_created", "<i4"), ("t_updated", "<i4"),
+    ("segment", "<i4"),
 )  # fmt: skip
-"""One vertex of `map.ply`; t_created and t_updated are frame numbers (the surfel's t_0 and t)."""
+"""One vertex of `map.ply`; t_created and t_updated are frame numbers (the surfel's t_0 and t); segment is 0
+where there is none."""
 
 _PLY_TYPES = {
     "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "<i2", "int16": "<i2",
@@ -68,6 +70,7 @@ def write_ply(
         label,
     )
     vertices["t_created"], vertices["t_updated"] = surfels["t_created"][rows], surfels["t_updated"][rows]
+    vertices["segment"] = surfels["segment"][rows] if "segment" in surfels else 0
     if probabilities is not None:
         for column, name in enumerate(names):
             vertices[name] = probabilities[rows, column]
@@ -149,10 +152,11 @@ def surfels_of_ply(vertices: np.ndarray, path: Path | str) -> dict[str, np.ndarr
     Raises:
         InputError: the file (`path`, for the message) lacks a property of ours, so another program wrote it.
     """
-    missing = [name for name, _ in _FIELDS if name not in (vertices.dtype.names or ())]
+    given = set(vertices.dtype.names or ()) | {"segment"}  # older files have none
+    missing = [name for name, _ in _FIELDS if name not in given]
     if missing:
         raise InputError(f"{path} was not written by dsmap: it has no vertex property {', '.join(missing)}")
-    columns = {name: vertices[name] for name, _ in _FIELDS}
+    columns = {name: vertices[name] for name, _ in _FIELDS if name in vertices.dtype.names}
     return {
         "position": np.stack([columns["x"], columns["y"], columns["z"]], axis=1),
         "normal": np.stack([columns["nx"], columns["ny"], columns["nz"]], axis=1),
@@ -162,6 +166,7 @@ def surfels_of_ply(vertices: np.ndarray, path: Path | str) -> dict[str, np.ndarr
         "label": columns["label"],
         "t_created": columns["t_created"],
         "t_updated": columns["t_updated"],
+        "segment": columns.get("segment", np.zeros(len(vertices), np.int32)),
     }
 
 

@@ -86,7 +86,8 @@ def hash_of_map(mapper: Mapper) -> str:
     """Of surfels, trajectory and loops."""
     points = [(p.time, p.T_world_camera, p.tracked) for p in mapper.trajectory]
     loops = [(loop.kind, loop.frame) for loop in mapper.loops]
-    return hash_of(dict(mapper.surfels.numpy()), points, loops)
+    surfels = {name: array for name, array in mapper.surfels.numpy().items() if name != "segment"}
+    return hash_of(surfels, points, loops)
 
 
 def labelled() -> Mapper:

@@ -81,6 +81,7 @@ def surfel_map(T_world_camera: np.ndarray, count: int = 3000, seed: int = 0, cap
         "label": labelled * rng.integers(1, 14, count),
         "observations": labelled * rng.integers(1, 9, count),
         "evidence": labelled[:, None] * -rng.random((count, 13)),
+        "segment": labelled * np.arange(count),
     }
     surfels = SurfelMap.empty("cpu", capacity=capacity or count)
     surfels.count = count

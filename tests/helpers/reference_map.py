@@ -174,7 +174,7 @@ def fuse_frame(s, camera, T, frame, match, *, time, max_weight=np.inf) -> dict[s
             if not any(np.linalg.norm(off) < v[2] / camera.fx for off in offs):
                 row = {"position": R @ v + t, "normal": R @ n, "colour": frame["colour"][at], "weight": a}
                 row |= {"radius": frame["radius"][at], "t_created": time, "t_updated": time}
-                new.append(row | {"label": 0, "observations": 0.0, "evidence": np.zeros(13)})
+                new.append(row | {"label": 0, "observations": 0.0, "evidence": np.zeros(13), "segment": 0})
     if not new:
         return s
     return {name: np.concatenate([s[name], [row[name] for row in new]]) for name in s}
