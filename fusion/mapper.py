@@ -9,11 +9,12 @@ import numpy as np
 
 from dsmap.errors import InputError
 from dsmap.frame import Frame, Intrinsics
-from dsmap.fusion.config import MapConfig
+from dsmap.fusion.config import MapConfig, SegmentConfig
 from dsmap.fusion.labels.labeller import Labeller
 from dsmap.fusion.locator import Locator
 from dsmap.fusion.loops.loop_closure import LoopCloser
 from dsmap.fusion.loops.record import LoopQuery, LoopRecord
+from dsmap.fusion.objects.things import SceneObjects, find_objects
 from dsmap.fusion.segmenter import Segmenter
 from dsmap.fusion.stage_clock import StageClock, StageTime
 from dsmap.fusion.surfels.model import SurfelModel
@@ -146,6 +147,11 @@ class Mapper:
         """Class probabilities of every surfel under the configured rule, shape (N, 13), uniform if unlabelled."""
         labels = self.config.labels
         return posterior(self.surfels, rule=labels.rule, temperature=labels.temperature)
+
+    def objects(self, config: SegmentConfig | None = None) -> SceneObjects:
+        """The things and the structure of the whole map so far; changes nothing, and takes about a second a million
+        surfels, so ask seldom."""
+        return find_objects(self.surfels.numpy(), self.probabilities(), self.up, config)
 
     @property
     def surfels(self) -> SurfelMap:

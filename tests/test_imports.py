@@ -25,7 +25,7 @@ ALLOWED = {
 """Folder to the parts of dsmap that it may import."""
 ORDER = {
     "fusion": (
-        "config lie trajectory segmenter state stage_clock", "surfels", "tracking", "labels places", "loops locator",
+        "config lie trajectory segmenter state stage_clock", "surfels", "tracking", "labels objects places", "loops locator",
         "mapper", "runs", "pictures", "evaluate",
     ),
     "sim_scenes": (

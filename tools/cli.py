@@ -22,6 +22,10 @@ COMMANDS: dict[str, tuple[str, str]] = {
         "Score a run against a reference, or a network on labelled images.",
     ),
     "view": ("dsmap.tools.commands.view", "Show a run in the browser, or render it to pictures."),
+    "refine": (
+        "dsmap.tools.commands.refine",
+        "Let the labels of a run agree with the shape of its map; find its things.",
+    ),
     "bench": (
         "dsmap.tools.commands.bench",
         "Time every stage, and a peer on the same frames in the same run.",
@@ -90,7 +94,7 @@ _PACKAGE_EXTRA = {
 }  # fmt: skip
 
 
-USE = ("map", "info", "evaluate", "view", "render-scene", "train", "convert", "cut")
+USE = ("map", "info", "evaluate", "view", "render-scene", "train", "refine", "convert", "cut")
 """Commands that the help lists first; all others serve to develop dsmap."""
 
 

@@ -14,6 +14,7 @@ from scipy.spatial import cKDTree
 
 from dsmap.fusion.config import SegmentConfig
 from dsmap.kernels.segment_graph import join_cells
+from dsmap.kernels.types import SurfelMap
 
 _NORMAL_ROUNDS = 2
 """Times that normals are averaged over neighbours: a Kinect's are off by 10 degrees at 3 m."""
@@ -85,6 +86,12 @@ def segment_map(surfels: Mapping[str, np.ndarray], config: SegmentConfig | None 
     """
     config = config or SegmentConfig()
     return segment_cells(find_cells(surfels, config.cell), config)
+
+
+def set_segments(surfels: SurfelMap, segment: np.ndarray) -> None:
+    """Give every surfel its segment, int32, shape (N,)."""
+    if surfels.count:
+        surfels.segment[: surfels.count].assign(segment)
 
 
 def segment_cells(cells: Cells, config: SegmentConfig) -> np.ndarray:

@@ -53,6 +53,17 @@ def save_map(mapper: Mapper, path: Path | str, run: dict[str, Any] | None = None
     write_tensors(path, tensors, metadata, durable=True)
 
 
+def rewrite_map(source: Path | str, target: Path | str, surfels: SurfelMap) -> None:
+    """Write a checkpoint again with the surfels as they are now; the rest of it stays, byte for byte.
+
+    Raises:
+        InputError: the source is missing, damaged or not a dsmap map of this version.
+        WriteError: the target cannot be written.
+    """
+    arrays, metadata = _read_text(Path(source), with_arrays=True)
+    write_tensors(target, arrays | dict(surfels.numpy()), metadata, durable=True)
+
+
 def read_metadata(path: Path | str) -> dict[str, Any]:
     """The plain values of a checkpoint: `config`, `intrinsics`, `time`, `state`, `run`; reads no arrays.
 
@@ -91,6 +102,15 @@ def load_map(path: Path | str, device: Any = "cpu") -> tuple[SurfelMap, dict[str
 
 def _read(path: Path, with_arrays: bool) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     """Tensors by name, and the metadata as plain values."""
+    arrays, metadata = _read_text(path, with_arrays)
+    try:
+        return arrays, {name: json.loads(metadata[name]) for name in _METADATA}
+    except (KeyError, json.JSONDecodeError) as error:
+        raise InputError(f"{path}: damaged metadata ({error}); expected a whole dsmap checkpoint") from error
+
+
+def _read_text(path: Path, with_arrays: bool) -> tuple[dict[str, np.ndarray], dict[str, str]]:
+    """Tensors by name, and the metadata as it is stored."""
     if not path.is_file():
         raise InputError(
             f"{path}: no such file; expected a dsmap checkpoint (checkpoint.safetensors of a run)"
@@ -103,14 +123,11 @@ def _read(path: Path, with_arrays: bool) -> tuple[dict[str, np.ndarray], dict[st
                 raise InputError(
                     f"{path}: format is {metadata.get('format', 'not stated')!r}; expected {FORMAT!r}, a dsmap map"
                 )
-            arrays = {name: file.get_tensor(name) for name in names}
-        return arrays, {name: json.loads(metadata[name]) for name in _METADATA}
+            return {name: file.get_tensor(name) for name in names}, metadata
     except (SafetensorError, OSError) as error:
         raise InputError(
             f"{path}: damaged or not a safetensors file ({error}); expected a dsmap checkpoint"
         ) from error
-    except (KeyError, json.JSONDecodeError) as error:
-        raise InputError(f"{path}: damaged metadata ({error}); expected a whole dsmap checkpoint") from error
 
 
 def surfels_from(arrays: dict[str, np.ndarray], path: Path | str, device: Any) -> SurfelMap:

@@ -9,6 +9,8 @@ from dsmap.classes import write_classes
 from dsmap.files import all_that_fits, atomic_path, write_json
 from dsmap.fusion.loops.record import record_values
 from dsmap.fusion.mapper import Mapper
+from dsmap.fusion.objects.files import remove_objects, write_objects
+from dsmap.fusion.objects.segments import set_segments
 from dsmap.fusion.runs.checkpoint import save_map
 from dsmap.fusion.runs.ply import write_ply, write_trajectory
 from dsmap.fusion.stage_clock import WARM_UP
@@ -19,17 +21,29 @@ CHECKPOINT = "checkpoint.safetensors"
 
 
 def save_run(
-    mapper: Mapper, run_dir: Path | str, *, with_probabilities: bool = False, checkpoint: bool = True
+    mapper: Mapper,
+    run_dir: Path | str,
+    *,
+    with_probabilities: bool = False,
+    objects: bool = True,
+    checkpoint: bool = True,
 ) -> None:
-    """Write map.ply, labels.ply, trajectory.txt and its status, loops.json, classes.json, checkpoint.safetensors.
+    """Write map.ply, labels.ply, trajectory.txt and its status, loops.json, classes.json, objects.json,
+    scene_graph.json, checkpoint.safetensors.
 
     Every file is whole or absent: each is written under a temporary name and renamed. Trajectory and loops
     are those of this recording; frames of an earlier one, whose map it started in, have negative numbers.
+    With `objects` the surfels get their segments, too.
 
     Raises:
         WriteError: after all that could be written was; names what was not.
     """
     run_dir = Path(run_dir)
+    if objects:
+        scene = mapper.objects()
+        set_segments(mapper.surfels, scene.segment)
+    else:
+        remove_objects(run_dir)
     surfels = mapper.surfels.numpy()
     probabilities = mapper.probabilities() if with_probabilities else None
     points = _points(mapper)
@@ -42,6 +56,8 @@ def save_run(
         attempt(_write_status, run_dir / "trajectory_status.txt", points)
         attempt(write_json, run_dir / "loops.json", {"loops": _loops(mapper)}, indent=2)
         attempt(write_classes, run_dir / "classes.json")
+        if objects:
+            attempt(write_objects, run_dir, scene)
         if checkpoint:
             attempt(save_map, mapper, run_dir / CHECKPOINT)
 

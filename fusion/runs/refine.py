@@ -1,0 +1,79 @@
+"""A RUN whose labels agree with the shape of its map: another RUN folder with the same trajectory."""
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from dsmap.files import write_yaml
+from dsmap.fusion.config import SegmentConfig
+from dsmap.fusion.objects.files import write_objects
+from dsmap.fusion.objects.pooling import pool_probabilities, set_probabilities
+from dsmap.fusion.objects.segments import segment_map, set_segments
+from dsmap.fusion.objects.things import SceneObjects, find_objects
+from dsmap.fusion.runs.checkpoint import rewrite_map
+from dsmap.fusion.runs.ply import read_ply, up_of_ply, write_ply
+from dsmap.fusion.runs.read_run import Run
+from dsmap.fusion.runs.run_folder import CHECKPOINT
+from dsmap.gravity import estimate_up
+from dsmap.kernels.label import posterior
+from dsmap.kernels.types import SurfelMap
+
+Refined = Callable[[SurfelMap, np.ndarray], tuple[np.ndarray, np.ndarray]]
+"""From a map and its class probabilities (N, 13) to better ones, and which surfels have any, bool (N,)."""
+_SAME = ("trajectory.txt", "trajectory_status.txt", "loops.json", "classes.json", "stats.json")
+
+
+def by_segments(config: SegmentConfig) -> Refined:
+    """Refinement by geometric segments, which become the surfels' own (see `fusion.objects.pooling`)."""
+
+    def refine(surfels: SurfelMap, probabilities: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        arrays = surfels.numpy()
+        segment = segment_map(arrays, config)
+        set_segments(surfels, segment)
+        return pool_probabilities(probabilities, arrays["observations"], segment, config.weight)
+
+    return refine
+
+
+def refine_run(run: Run, out: Path, refine: Refined, settings: dict) -> SceneObjects:
+    """Write `out`: the run with refined labels, segments, objects.json and scene_graph.json.
+
+    Args:
+        run: as read; its surfels are changed.
+        out: folder that is there, empty or to be overwritten.
+        settings: what was asked for, for config.yaml.
+
+    Returns:
+        The things of the refined map.
+    """
+    labels = run.config.labels
+    refined, there = refine(run.surfels, posterior(run.surfels, labels.rule, temperature=labels.temperature))
+    set_probabilities(run.surfels, refined, there, labels.rule, labels.temperature)
+    up = up_of_run(run)
+    scene = find_objects(run.surfels.numpy(), refined, up)
+    set_segments(run.surfels, scene.segment)
+    for name in _SAME:
+        if (run.path / name).is_file():
+            shutil.copyfile(run.path / name, out / name)
+    with_probabilities = "prob_bed" in (_names(run.path / "map.ply") or ())
+    arrays = run.surfels.numpy()
+    write_ply(out / "map.ply", arrays, probabilities=refined if with_probabilities else None, up=up)
+    write_ply(out / "labels.ply", arrays, colour="label", up=up)
+    write_objects(out, scene)
+    write_yaml(out / "config.yaml", run.settings | {"refine": settings})
+    rewrite_map(run.path / CHECKPOINT, out / CHECKPOINT, run.surfels)
+    return scene
+
+
+def up_of_run(run: Run) -> np.ndarray:
+    """Which way is up in the world's frame, shape (3,): as map.ply says, else by normals and poses."""
+    if (run.path / "map.ply").is_file() and (up := up_of_ply(run.path / "map.ply")) is not None:
+        return up
+    start = -run.poses[:, :3, 1].mean(axis=0) if len(run.poses) else (0.0, 0.0, 1.0)
+    return estimate_up(run.surfels.numpy()["normal"], start).direction
+
+
+def _names(path: Path) -> tuple[str, ...] | None:
+    return read_ply(path).dtype.names if path.is_file() else None
