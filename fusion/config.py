@@ -274,8 +274,14 @@ class SegmentConfig:
     """Smaller segments [m^2] join a neighbour..."""
     small_cost: float = 0.5
     """... unless the crease between them costs more than this (1: a right angle)."""
-    weight: float = 0.5
+    colour: float = 2.0
+    """Cost of a step in colour, RGB in [0, 1], against that of a concave right angle (1)."""
+    label: float = 1.0
+    """Cost of neighbours that have no class in common."""
+    weight: float = 0.8
     """Share of its segment in a surfel's log probabilities; 0: nothing changes, 1: a segment has one class."""
+    sharpness: float = 1.2
+    """Power of the pooled probabilities: what most of a segment says is right more often than its share."""
     least_thing: float = 0.008
     """Surface of the smallest thing [m^2]; smaller pieces of one class belong to nothing."""
     least_plane: float = 0.15

@@ -18,7 +18,7 @@ def _root(parent: wp.array(dtype=wp.int32), i: int) -> int:
     return i
 
 
-@wp.kernel(enable_backward=False)
+@wp.kernel
 def _join(
     scale: float,
     small: float,

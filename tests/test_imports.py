@@ -25,8 +25,8 @@ ALLOWED = {
 """Folder to the parts of dsmap that it may import."""
 ORDER = {
     "fusion": (
-        "config lie trajectory segmenter state stage_clock", "surfels", "tracking", "labels objects places", "loops locator",
-        "mapper", "runs", "pictures", "evaluate",
+        "config lie trajectory segmenter state stage_clock", "surfels", "tracking", "labels objects places",
+        "loops locator", "mapper", "runs", "pictures", "evaluate",
     ),
     "sim_scenes": (
         "geometry", "scene", "textures", "pieces space", "physics", "rooms", "camera_paths importers render sensors",

@@ -72,9 +72,10 @@ def fit_box(points: np.ndarray, up: np.ndarray, trim: float = _TRIM) -> Box:
 
 def overlap(a: Box, b: Box) -> float:
     """Intersection over union of the volumes of two boxes with the same up, 0 to 1."""
-    if np.linalg.norm(a.T_world_box[:3, 3] - b.T_world_box[:3, 3]) > (
-        np.linalg.norm(a.extent) + np.linalg.norm(b.extent)
-    ) / 2:
+    if (
+        np.linalg.norm(a.T_world_box[:3, 3] - b.T_world_box[:3, 3])
+        > (np.linalg.norm(a.extent) + np.linalg.norm(b.extent)) / 2
+    ):
         return 0.0
     axes = a.T_world_box[:3, :3].T
     first, second = (_rectangle(axes, box) for box in (a, b))

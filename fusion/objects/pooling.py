@@ -8,6 +8,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from dsmap.fusion.config import SegmentConfig
+from dsmap.fusion.objects.segments import labelled
 from dsmap.kernels.label import Rule
 from dsmap.kernels.types import NUM_EVIDENCE, SurfelMap
 
@@ -16,38 +18,37 @@ _FAINT = 0.01
 """Observations that a surfel counts as having which its segment alone has labelled."""
 
 
-def usable(probabilities: np.ndarray) -> np.ndarray:
-    """Rows that are a distribution, bool, shape (N,): NaN and zeros are none."""
-    return np.isfinite(probabilities).all(axis=1) & (probabilities.sum(axis=1) > 1e-6)
-
-
 def pool_probabilities(
-    probabilities: np.ndarray, observations: np.ndarray, segment: np.ndarray, weight: float
+    probabilities: np.ndarray, observations: np.ndarray, segment: np.ndarray, config: SegmentConfig
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Probabilities p_i^(1 - w) q_s^w, renormalised, for the mean q_s of the segment's distributions.
+    """Probabilities (p_i^(1 - w) q_s^w)^k, renormalised, for the mean q_s of the segment's distributions.
+
+    The mean over a segment says how large a part of it a class has; where a segment is one thing, the largest part
+    is right more often than that, hence the sharpness k > 1.
 
     Args:
         probabilities: of every surfel, shape (N, 13).
         observations: of every surfel, 0 where it was never labelled, shape (N,).
         segment: of every surfel, >= 0, shape (N,); 0 has no segment and keeps its own.
-        weight: w, from 0 (their own) to 1 (their segment's).
+        config: weight w and sharpness k.
 
     Returns:
         The probabilities, float32 (N, 13), and where there are any, bool (N,): of labelled surfels and of those
         in a segment with labelled ones.
     """
-    own = usable(probabilities) & (observations > 0)
+    own = labelled(probabilities, observations)
     p = np.where(own[:, None], probabilities, 0.0)
     count = int(segment.max(initial=0)) + 1
     total = np.stack([np.bincount(segment[own], p[own, k], count) for k in range(p.shape[1])], axis=1)
     per = total.sum(axis=1, keepdims=True)
     mean = np.where(per > 0, total / np.maximum(per, 1e-12), 0.0)
     known = (per[:, 0] > 0) & (np.arange(count) > 0)
-    share = np.where(known[segment], np.where(own, weight, 1.0), 0.0)[:, None]
+    share = np.where(known[segment], np.where(own, config.weight, 1.0), 0.0)[:, None]
     q = np.where(known[segment, None], mean[segment], 1.0)
     log_p = (1 - share) * np.log(np.maximum(np.where(own[:, None], p, 1.0), _FLOOR)) + share * np.log(
         np.maximum(q, _FLOOR)
     )
+    log_p *= config.sharpness
     pooled = np.exp(log_p - log_p.max(axis=1, keepdims=True, initial=-np.inf))
     return (pooled / pooled.sum(axis=1, keepdims=True)).astype(np.float32), own | known[segment]
 

@@ -67,7 +67,11 @@ def find_relations(scene: SceneObjects) -> list[Relation]:
     walls = [plane for plane in scene.planes if CLASS_NAMES[plane.label] == "wall"]
     for window in (plane for plane in scene.planes if CLASS_NAMES[plane.label] == "window"):
         middle = window.corners.mean(axis=0)
-        near = [w for w in walls if abs(w.normal @ window.normal) > 0.9 and abs(w.normal @ middle - w.offset) < 0.4]
+        near = [
+            w
+            for w in walls
+            if abs(w.normal @ window.normal) > 0.9 and abs(w.normal @ middle - w.offset) < 0.4
+        ]
         if near:
             wall = min(near, key=lambda w: float(np.linalg.norm(w.corners.mean(axis=0) - middle)))
             relations.append(Relation(window.id, "part of", wall.id))
@@ -108,7 +112,9 @@ def find_rooms(scene: SceneObjects) -> list[Room]:
     return rooms
 
 
-def _members(scene: SceneObjects, axes: np.ndarray, low: np.ndarray, number: np.ndarray) -> dict[int, list[int]]:
+def _members(
+    scene: SceneObjects, axes: np.ndarray, low: np.ndarray, number: np.ndarray
+) -> dict[int, list[int]]:
     """Ids of things and planes by the number of the room that their middle is in."""
     members: dict[int, list[int]] = {}
     for one in (*scene.things, *scene.planes):

@@ -1,8 +1,9 @@
-"""Geometric segments of a map: pieces of surface without a crease that opens towards the viewer.
+"""Segments of a map: pieces of surface without a crease that opens towards the viewer, of one colour and class.
 
 Things are mostly convex and meet what they stand on in concave creases, so that convexity parts them without
-knowing what they are (Nakajima et al., IROS 2018, section III-B; Tateno et al., IROS 2015). Surfels are grouped into
-cells, cells into segments.
+knowing what they are (Nakajima et al., IROS 2018, section III-B; Tateno et al., IROS 2015). What is as flat as its
+wall, as a picture is, differs in colour and in what the network said. Surfels are grouped into cells, cells into
+segments.
 """
 
 from collections.abc import Mapping
@@ -78,14 +79,35 @@ def find_cells(surfels: Mapping[str, np.ndarray], cell: float) -> Cells:
     return Cells(of_surfel, centre, smooth, colour, edges)
 
 
-def segment_map(surfels: Mapping[str, np.ndarray], config: SegmentConfig | None = None) -> np.ndarray:
-    """The geometric segment of every surfel, int32, shape (N,): 1, 2, ... from the largest down; 0: none (dead).
+def segment_map(
+    surfels: Mapping[str, np.ndarray],
+    config: SegmentConfig | None = None,
+    probabilities: np.ndarray | None = None,
+) -> np.ndarray:
+    """The segment of every surfel, int32, shape (N,): 1, 2, ... from the largest down; 0: none (dead).
 
     Args:
         surfels: arrays by the names of SurfelMap, N rows each.
+        probabilities: of the 13 classes, shape (N, 13); None: shape and colour alone decide.
     """
     config = config or SegmentConfig()
-    return segment_cells(find_cells(surfels, config.cell), config)
+    cells = find_cells(surfels, config.cell)
+    classes = None if probabilities is None else class_means(cells, probabilities, surfels["observations"])
+    return segment_cells(cells, config, classes)
+
+
+def class_means(cells: Cells, probabilities: np.ndarray, observations: np.ndarray) -> np.ndarray:
+    """Class probabilities of every cell, the mean over its labelled surfels, uniform without any; shape (C, 13)."""
+    own = labelled(probabilities, observations)
+    total = cells.sum(np.where(own[:, None], probabilities, 0.0))
+    count = total.sum(axis=1, keepdims=True)
+    return np.where(count > 0, total / np.maximum(count, 1e-9), 1.0 / probabilities.shape[1])
+
+
+def labelled(probabilities: np.ndarray, observations: np.ndarray) -> np.ndarray:
+    """Surfels that were observed and whose row is a distribution, bool, shape (N,): NaN and zeros are none."""
+    usable = np.isfinite(probabilities).all(axis=1)
+    return usable & (np.where(usable[:, None], probabilities, 0).sum(axis=1) > 1e-6) & (observations > 0)
 
 
 def set_segments(surfels: SurfelMap, segment: np.ndarray) -> None:
@@ -94,11 +116,14 @@ def set_segments(surfels: SurfelMap, segment: np.ndarray) -> None:
         surfels.segment[: surfels.count].assign(segment)
 
 
-def segment_cells(cells: Cells, config: SegmentConfig) -> np.ndarray:
-    """As `segment_map`, of cells that are there already."""
-    area = np.ones(len(cells))
+def segment_cells(cells: Cells, config: SegmentConfig, classes: np.ndarray | None = None) -> np.ndarray:
+    """As `segment_map`, of cells that are there already; classes: of `class_means`."""
+    i, j = cells.edges.T
+    cost = bend_cost(cells) + config.colour * np.linalg.norm(cells.colour[i] - cells.colour[j], axis=1)
+    if classes is not None:  # 1 - Bhattacharyya coefficient
+        cost += config.label * (1.0 - np.einsum("ij,ij->i", np.sqrt(classes[i]), np.sqrt(classes[j])))
     segment = join_cells(
-        cells.edges, bend_cost(cells), area, scale=config.scale, small=config.min_area / config.cell**2,
+        cells.edges, cost, np.ones(len(cells)), scale=config.scale, small=config.min_area / config.cell**2,
         small_cost=config.small_cost,
     )  # fmt: skip
     order = np.argsort(-np.bincount(segment), kind="stable") if len(cells) else np.zeros(0, np.int64)

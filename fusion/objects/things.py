@@ -12,7 +12,7 @@ from dsmap.fusion.config import SegmentConfig
 from dsmap.fusion.objects.boxes import Box, fit_box, level_frame
 from dsmap.fusion.objects.pieces import join_pieces
 from dsmap.fusion.objects.pooling import pool_probabilities
-from dsmap.fusion.objects.segments import Cells, find_cells, segment_cells
+from dsmap.fusion.objects.segments import Cells, class_means, find_cells, segment_cells
 
 STRUCTURE = ("wall", "floor", "ceiling", "window")
 """Classes that are planes, not things."""
@@ -114,8 +114,9 @@ def find_objects(
     """
     config = config or SegmentConfig()
     cells = find_cells(surfels, config.cell)
-    segment = segment_cells(cells, config)
-    pooled, there = pool_probabilities(probabilities, surfels["observations"], segment, config.weight)
+    classes = class_means(cells, probabilities, surfels["observations"])
+    segment = segment_cells(cells, config, classes)
+    pooled, there = pool_probabilities(probabilities, surfels["observations"], segment, config)
     of_cell = cells.sum(np.where(there[:, None], pooled, 0.0))
     labels = np.where(of_cell.sum(axis=1) > 0, of_cell.argmax(axis=1) + 1, 0)
     structure = np.isin(labels, [CLASS_NAMES.index(name) for name in STRUCTURE])
@@ -123,7 +124,9 @@ def find_objects(
     owner = np.zeros(len(cells), np.int32)
     things: list[Thing] = []
     least = config.least_thing / config.cell**2
-    for number in np.argsort(-np.bincount(group[group >= 0]), kind="stable").tolist() if (group >= 0).any() else []:
+    for number in (
+        np.argsort(-np.bincount(group[group >= 0]), kind="stable").tolist() if (group >= 0).any() else []
+    ):
         inside = group == number
         if np.count_nonzero(inside) < least:
             break
@@ -197,7 +200,9 @@ def _largest_plane(
         if len(side) == 0:
             return rows[:0], np.asarray(up), 0.0
         count, edges = np.histogram(np.arctan2(side[:, 1], side[:, 0]), 72, (-np.pi, np.pi))
-        angles = (edges[:-1] + edges[1:])[np.argsort(-(count + np.roll(count, 1) + np.roll(count, -1)))[:4]] / 2
+        angles = (edges[:-1] + edges[1:])[
+            np.argsort(-(count + np.roll(count, 1) + np.roll(count, -1)))[:4]
+        ] / 2
         directions = [np.cos(a) * axes[0] + np.sin(a) * axes[1] for a in angles]
     best: tuple[np.ndarray, np.ndarray, float] = rows[:0], directions[0], 0.0
     for normal in directions:

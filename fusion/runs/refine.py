@@ -30,9 +30,9 @@ def by_segments(config: SegmentConfig) -> Refined:
 
     def refine(surfels: SurfelMap, probabilities: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         arrays = surfels.numpy()
-        segment = segment_map(arrays, config)
+        segment = segment_map(arrays, config, probabilities)
         set_segments(surfels, segment)
-        return pool_probabilities(probabilities, arrays["observations"], segment, config.weight)
+        return pool_probabilities(probabilities, arrays["observations"], segment, config)
 
     return refine
 

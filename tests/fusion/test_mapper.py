@@ -126,7 +126,7 @@ def test_checkpoint_round_trip(tmp_path):
     assert meta["poses"].shape == (3, 4, 4) and meta["tracked"].all()
     assert {f.name for f in tmp_path.iterdir()} == {
         "map.ply", "labels.ply", "trajectory.txt", "trajectory_status.txt",
-        "loops.json", "classes.json", "checkpoint.safetensors",
+        "loops.json", "classes.json", "objects.json", "scene_graph.json", "checkpoint.safetensors",
     }  # fmt: skip
 
 

@@ -12,7 +12,7 @@ from dsmap.errors import InputError
 from dsmap.fusion.config import SegmentConfig
 from dsmap.fusion.runs.read_run import load_run
 from dsmap.fusion.runs.refine import by_segments, refine_run
-from dsmap.tools.mapping.start import claim_folder
+from dsmap.tools.mapping.start import check_new, claimed
 
 
 @dataclass
@@ -35,10 +35,11 @@ def main(args: Args) -> int:
     run = load_run(args.run)
     if args.out.resolve() == args.run.resolve():
         raise InputError(f"--out {args.out} is the run itself; expected another folder")
-    claim_folder(args.out, args.overwrite)
+    check_new(args.out, args.overwrite)
     began = time.perf_counter()
     settings = {"method": args.method, "of": str(args.run), **dataclasses.asdict(args.segments)}
-    scene = refine_run(run, args.out, by_segments(args.segments), settings)
+    with claimed(args.out):
+        scene = refine_run(run, args.out, by_segments(args.segments), settings)
     segments = int(scene.segment.max(initial=0))
     print(
         f"{run.surfels.count:,} surfels, {segments:,} segments, {len(scene.things)} things, "

@@ -40,6 +40,8 @@ class Args:
     """With --localize-in: go on mapping in it; the result is written to --out."""
     save_probabilities: bool = False
     """Add the 13 class probabilities to map.ply."""
+    objects: bool = True
+    """Write objects.json and scene_graph.json, the things of the map with boxes."""
     pictures: bool = True
     """Draw the pictures."""
     size: str | None = None

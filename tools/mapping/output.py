@@ -8,6 +8,7 @@ import numpy as np
 
 from dsmap.files import all_that_fits, write_json, write_yaml
 from dsmap.fusion.labels.segment import segment_later
+from dsmap.fusion.objects.files import OBJECTS
 from dsmap.fusion.runs.map_recording import Run
 from dsmap.fusion.runs.run_folder import config_values, save_run, statistics
 from dsmap.sequences import Sequence
@@ -38,7 +39,8 @@ def write_run(args: Args, state: Run, sequence: Sequence) -> None:
     stats = statistics(state.mapper, len(state.skipped), state.wall_s)
     with all_that_fits(args.out) as attempt:
         attempt(
-            save_run, state.mapper, args.out, with_probabilities=args.save_probabilities, checkpoint=False
+            save_run, state.mapper, args.out, with_probabilities=args.save_probabilities,
+            objects=args.objects, checkpoint=False,
         )
         attempt(write_yaml, args.out / "config.yaml", values)
         attempt(write_json, args.out / "stats.json", stats, indent=2)
@@ -93,7 +95,8 @@ def report(state: Run, out: Path) -> None:
     fps = f"{speed['fps']:.1f} frames/s" if speed["fps"] else "no frame mapped"
     print(f"{found['surfels']:,} surfels, {fps}, {speed['peak_rss_bytes'] / 2**20:.0f} MiB at most")
     pictures = " pictures/" if (out / "pictures").is_dir() else ""
+    objects = " objects.json scene_graph.json" if (out / OBJECTS).is_file() else ""
     print(
         f"written to {out}: map.ply labels.ply trajectory.txt trajectory_status.txt stats.json "
-        f"checkpoint.safetensors{pictures}"
+        f"checkpoint.safetensors{objects}{pictures}"
     )
