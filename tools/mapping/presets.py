@@ -19,7 +19,15 @@ from dsmap.tools.mapping.spelling import todays_spelling
 EXTENDS = "extends"
 """Key of a configuration that starts from another one."""
 _NOT_STATED = {
-    *("device", "engine", "start", "stop", "pictures", "objects", "save_probabilities"),  # where and how much, not what
+    *(
+        "device",
+        "engine",
+        "start",
+        "stop",
+        "pictures",
+        "objects",
+        "save_probabilities",
+    ),  # where and how much, not what
     *("weights", "label_noise", "label_noise_kind", "seed", "intrinsics", "depth_scale"),  # of one recording
     *("color_topic", "depth_topic", "pose_convention", "label_map"),  # of one recording, too
 }
