@@ -39,8 +39,12 @@ def write_run(args: Args, state: Run, sequence: Sequence) -> None:
     stats = statistics(state.mapper, len(state.skipped), state.wall_s)
     with all_that_fits(args.out) as attempt:
         attempt(
-            save_run, state.mapper, args.out, with_probabilities=args.save_probabilities,
-            objects=args.objects, checkpoint=False,
+            save_run,
+            state.mapper,
+            args.out,
+            with_probabilities=args.save_probabilities,
+            objects=args.objects,
+            checkpoint=False,
         )
         attempt(write_yaml, args.out / "config.yaml", values)
         attempt(write_json, args.out / "stats.json", stats, indent=2)
