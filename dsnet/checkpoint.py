@@ -11,7 +11,7 @@ from torch import Tensor, nn
 
 from dsmap.classes import CLASS_NAMES
 from dsmap.dsnet.config import DeconvNetConfig, DSNetConfig, DSNetPConfig, NetConfig
-from dsmap.dsnet.networks.build import build
+from dsmap.dsnet.networks.build import build_network
 from dsmap.errors import InputError
 from dsmap.files import as_read_back
 from dsmap.tensor_files import write_tensors
@@ -147,7 +147,7 @@ def load_weights(
         raise InputError(
             f"{path}: shares and balance of other classes, expected {len(info.class_names)} of each"
         )
-    model = build(info.config)
+    model = build_network(info.config)
     load_state(model, tensors, path)
     return model.eval(), info
 

@@ -81,7 +81,7 @@ class Locator:
             located = self._find(frame, Located(T_world_last, maps, False), trajectory)
         if located.tracked:
             with self._clock.stage("moving"):
-                located = self._set_movers_apart(located, trajectory, frame.taken)
+                located = self._set_movers_apart(located, trajectory, frame.pose_time)
         return located
 
     def remember(self, maps: Sequence[FrameMaps]) -> None:
@@ -110,7 +110,7 @@ class Locator:
         if np.count_nonzero(depth) < _MIN_DEPTH_PIXELS * depth.size:
             return replace(last, reason="too little depth")
         if model.view is not None:
-            return self._track(last, model.view, trajectory, frame.taken)
+            return self._track(last, model.view, trajectory, frame.pose_time)
         if model.surfels.count == 0:
             return replace(last, tracked=True)  # the first frame defines the world
         return self._recover(replace(last, reason="not found in the map yet"), trajectory)
@@ -119,11 +119,11 @@ class Locator:
         if frame.T_world_camera is None:
             return replace(last, reason="no pose is given for this frame")
         T = np.asarray(frame.T_world_camera, dtype=np.float64)
-        rows = row_motion(self.config.shutter_s, trajectory, frame.taken, np.eye(4))
+        rows = row_motion(self.config.shutter_s, trajectory, frame.pose_time, np.eye(4))
         return Located(T, undo_rolling_shutter(self.model.cameras, last.maps, rows, T), True)
 
     def _track(
-        self, last: Located, view: ModelView, trajectory: Sequence[TrajectoryPoint], taken: float
+        self, last: Located, view: ModelView, trajectory: Sequence[TrajectoryPoint], pose_time: float
     ) -> Located:
         """Track from the last pose; after a gap the map is searched first, which looks closer and further.
 
@@ -135,8 +135,8 @@ class Locator:
             if last.tracked:
                 return last
         T_view_world, t_min = inverse(view.T_world_camera), self.model.view_t_active
-        expected = self.motion.expected(trajectory, taken, T_view_world)
-        rows = row_motion(self.config.shutter_s, trajectory, taken, T_view_world)
+        expected = self.motion.expected(trajectory, pose_time, T_view_world)
+        rows = row_motion(self.config.shutter_s, trajectory, pose_time, T_view_world)
         starts = [(True, last.T_world_camera, expected)]
         starts += [(False, T, None) for T in extrapolated(trajectory)[:1]]
         for first, T_start, motion in starts:
@@ -162,7 +162,7 @@ class Locator:
         return replace(lost, T_world_camera=found, tracked=True, reason="", relocalised=True)
 
     def _set_movers_apart(
-        self, located: Located, trajectory: Sequence[TrajectoryPoint], taken: float
+        self, located: Located, trajectory: Sequence[TrajectoryPoint], pose_time: float
     ) -> Located:
         """Mark what moves, and track once more without it: it must not steer the camera."""
         maps, T_world_camera, health = located.maps, located.T_world_camera, located.health
@@ -174,11 +174,11 @@ class Locator:
         view, T_view_world = self.model.view, inverse(self.model.view.T_world_camera)
         T_view_camera = T_view_world @ T_world_camera
         if moving is not None:
-            expected = self.motion.expected(trajectory, taken, T_view_world)
+            expected = self.motion.expected(trajectory, pose_time, T_view_world)
             still = mask_depth(located.maps, moving)
             T_still, health_still = self.tracker.track(still, view, T_view_camera, False, expected)
             T, t_min = orthonormal(view.T_world_camera @ T_still), self.model.view_t_active
             if not self.check.reason_to_reject(located.maps, T, health_still, trajectory, t_min):
                 T_world_camera, T_view_camera, health = T, T_still, health_still
-        self.motion.learn(trajectory, taken, T_world_camera, T_view_camera, health.covariance)
+        self.motion.learn(trajectory, pose_time, T_world_camera, T_view_camera, health.covariance)
         return replace(located, T_world_camera=T_world_camera, health=health)

@@ -21,7 +21,7 @@ from dsmap.fusion.surfels.model import SurfelModel
 from dsmap.fusion.tracking.tracker import Health
 from dsmap.fusion.trajectory import Trajectory, TrajectoryPoint
 from dsmap.kernels.label import posterior
-from dsmap.kernels.preprocess import clean_depth, preprocess
+from dsmap.kernels.preprocess import depth_in_range, preprocess
 from dsmap.kernels.types import FrameMaps, SurfelMap
 
 
@@ -96,7 +96,7 @@ class Mapper:
             InputError: the frame has not the camera's size.
         """
         frame.check_size(self.intrinsics)
-        depth = clean_depth(frame.depth, *self.config.depth_range)
+        depth = depth_in_range(frame.depth, *self.config.depth_range)
         return preprocess(frame.rgb, depth, self.model.cameras, self.model.device)
 
     def step(

@@ -142,7 +142,7 @@ def _half_surface(
         intensity_out[y, x] = light
 
 
-def clean_depth(depth: np.ndarray, depth_min: float, depth_max: float) -> np.ndarray:
+def depth_in_range(depth: np.ndarray, depth_min: float, depth_max: float) -> np.ndarray:
     """Depth [m], shape (H, W), with everything outside the range, NaN and infinity set to 0."""
     with np.errstate(invalid="ignore"):
         inside = (depth >= depth_min) & (depth <= depth_max)
@@ -229,7 +229,7 @@ def preprocess(
 
     Args:
         rgb: uint8, shape (H, W, 3).
-        depth: clean depth [m] (see `clean_depth`), float32, shape (H, W).
+        depth: clean depth [m] (see `depth_in_range`), float32, shape (H, W).
         cameras: one camera a level, each half the size of the one before.
     """
 

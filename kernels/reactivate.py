@@ -11,7 +11,7 @@ from dsmap.kernels.types import SurfelMap
 
 
 @wp.struct
-class Agreement:
+class AgreementGates:
     """Which inactive surfels a view may reactivate."""
 
     time: wp.int32  # now [frame]
@@ -26,7 +26,7 @@ def _reactivate(
     blocks: wp.array(dtype=wp.int32),
     camera: Camera,
     T_camera_world: wp.mat44,
-    rules: Agreement,
+    rules: AgreementGates,
     inactive: wp.array2d(dtype=wp.vec3),
     active: wp.array2d(dtype=wp.vec3),
     position: wp.array(dtype=wp.vec3),
@@ -79,7 +79,7 @@ def reactivate(
     inactive, active: vertex maps of the camera, vec3 [m], shapes (H, W); z = 0 where they see nothing.
     visible: blocks that may hold surfels in view (see `culling.Blocks`); None walks the whole map.
     """
-    rules = Agreement()
+    rules = AgreementGates()
     rules.time, rules.t_min = time, t_min
     rules.distance, rules.distance_z2 = distance, distance_z2
     m = surfels

@@ -9,7 +9,7 @@ from dsmap.frame import Intrinsics
 from dsmap.gravity import LEVEL, estimate_floor, estimate_up
 from dsmap.kernels.camera import make_camera
 from dsmap.kernels.geometry import geometry_channels
-from dsmap.kernels.preprocess import clean_depth, smooth_depth, surface_maps
+from dsmap.kernels.preprocess import depth_in_range, smooth_depth, surface_maps
 from dsmap.sequences.images import resize_nearest
 
 DEPTH_MIN, DEPTH_MAX = 0.3, 10.0
@@ -39,7 +39,7 @@ def frame_geometry(
     Returns:
         float32, shape (H, W, 4).
     """
-    smooth = smooth_depth(clean_depth(depth, DEPTH_MIN, depth_max), wp.get_device("cpu"))
+    smooth = smooth_depth(depth_in_range(depth, DEPTH_MIN, depth_max), wp.get_device("cpu"))
     vertex, normal, _, _ = surface_maps(smooth, make_camera(intrinsics))
     if up is None:
         up = estimate_up(normal.numpy(), start_up).direction

@@ -11,7 +11,7 @@ from dsmap.sequences.label_maps import load_label_map
 
 
 @dataclass(frozen=True)
-class Layout:
+class DataLayout:
     """How a data set is recognised and read."""
 
     matches: Callable[[Path], bool]
@@ -19,13 +19,15 @@ class Layout:
     about: str
 
 
-LAYOUTS: dict[str, Layout] = {
-    "nyuv2": Layout(nyuv2.is_nyuv2, nyuv2.load_nyuv2, "nyu_depth_v2_labeled.mat @trainval @train @val @test"),
-    "sunrgbd": Layout(sunrgbd.is_sunrgbd, sunrgbd.load_sunrgbd, "SUN RGB-D @train @test"),
-    "scannet": Layout(scannet.is_scannet, scannet.load_scannet, "ScanNet frames @train @val"),
-    "voc": Layout(voc.is_voc, voc.load_voc, "PASCAL VOC 2012 masks @train @val @trainval @trainaug"),
-    "sbd": Layout(voc.is_sbd, voc.load_sbd, "Semantic Boundaries Dataset @train @val"),
-    "folders": Layout(
+LAYOUTS: dict[str, DataLayout] = {
+    "nyuv2": DataLayout(
+        nyuv2.is_nyuv2, nyuv2.load_nyuv2, "nyu_depth_v2_labeled.mat @trainval @train @val @test"
+    ),
+    "sunrgbd": DataLayout(sunrgbd.is_sunrgbd, sunrgbd.load_sunrgbd, "SUN RGB-D @train @test"),
+    "scannet": DataLayout(scannet.is_scannet, scannet.load_scannet, "ScanNet frames @train @val"),
+    "voc": DataLayout(voc.is_voc, voc.load_voc, "PASCAL VOC 2012 masks @train @val @trainval @trainaug"),
+    "sbd": DataLayout(voc.is_sbd, voc.load_sbd, "Semantic Boundaries Dataset @train @val"),
+    "folders": DataLayout(
         folders.is_folders, folders.load_folders, "rgb/ + label/, recordings, folders of these"
     ),
 }

@@ -43,7 +43,7 @@ def cuts(features: Sequence[Features]) -> np.ndarray:
     return free
 
 
-def gaps(numbers: Sequence[int]) -> np.ndarray:
+def missing_before(numbers: Sequence[int]) -> np.ndarray:
     """True at i if at least two numbers are missing before image i (one may be a lost training image).
 
     Returns:
@@ -60,7 +60,7 @@ def choose_blocks(
     """Blocks of consecutive images whose classes are mixed as those of the whole set.
 
     Args:
-        free: where the series can be cut (see `cuts` and `gaps`), shape (n + 1,).
+        free: where the series can be cut (see `cuts` and `missing_before`), shape (n + 1,).
         class_pixels: labelled pixels of each class in each image, shape (n, classes), without void.
         total, blocks: about how many images, in how many blocks.
 

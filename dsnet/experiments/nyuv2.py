@@ -14,7 +14,7 @@ from dsmap.dsnet.datasets.base import Example, Item, LabelledSet
 from dsmap.dsnet.datasets.registry import open_set
 from dsmap.dsnet.experiments.cells import Cell, Report, run_cells, write_table
 from dsmap.dsnet.experiments.plots import plot_bars, plot_curves
-from dsmap.dsnet.experiments.segment import SCORE_COLUMNS, Run, score_row, training_cell
+from dsmap.dsnet.experiments.segment import SCORE_COLUMNS, TrainingRun, score_row, training_cell
 from dsmap.dsnet.inference.predict import load_segmenter
 from dsmap.dsnet.scoring.measure import score
 from dsmap.errors import InputError
@@ -183,8 +183,8 @@ def rendered_curve(
         counts[name] = counts[before] = len(share)
         init = out / before / "best.safetensors" if share else None
         if share:
-            runs.append(Run(before, net, share, val, setting.pretrain, setting.augment))
-        runs.append(Run(name, net, [train], val, setting.finetune, setting.augment, init))
+            runs.append(TrainingRun(before, net, share, val, setting.pretrain, setting.augment))
+        runs.append(TrainingRun(name, net, [train], val, setting.finetune, setting.augment, init))
     runs = [run for run in runs if run.name in setting.cells or not setting.cells]
     cells = [training_cell(run, {"recordings": counts[run.name]}, where) for run in runs]
     table = run_cells(cells, out, report)

@@ -8,14 +8,14 @@ from typing import Any
 from dsmap.dsnet.checkpoint import record_of
 from dsmap.dsnet.config import AugmentConfig, NetConfig, TrainConfig
 from dsmap.dsnet.experiments.cells import Cell
-from dsmap.dsnet.networks.build import build
+from dsmap.dsnet.networks.build import build_network
 from dsmap.dsnet.training.train import train
 from dsmap.errors import InputError
 from dsmap.plain import read_json
 
 
 @dataclass(frozen=True)
-class Run:
+class TrainingRun:
     """One training run of a network on labelled images."""
 
     name: str
@@ -28,7 +28,7 @@ class Run:
     """Weights to start from; of an earlier cell of the same experiment."""
 
 
-def training_cell(run: Run, about: dict[str, Any], where: dict[str, Any]) -> Cell:
+def training_cell(run: TrainingRun, about: dict[str, Any], where: dict[str, Any]) -> Cell:
     """A training run as a cell: its scores at its best validation.
 
     Args:
@@ -65,7 +65,7 @@ def loadable(net: NetConfig, size: tuple[int, int]) -> str | None:
     import torch
 
     try:
-        build(net).eval()(torch.zeros(1, net.channels, size[1], size[0]))
+        build_network(net).eval()(torch.zeros(1, net.channels, size[1], size[0]))
     except InputError as error:
         return str(error)
     return None

@@ -16,7 +16,7 @@ from dsmap.dsnet.config import (
 from dsmap.dsnet.datasets.base import VOC_CLASS_NAMES
 from dsmap.dsnet.experiments.cells import Report, run_cells, write_table
 from dsmap.dsnet.experiments.plots import plot_bars
-from dsmap.dsnet.experiments.segment import SCORE_COLUMNS, Run, loadable, score_row, training_cell
+from dsmap.dsnet.experiments.segment import SCORE_COLUMNS, TrainingRun, loadable, score_row, training_cell
 from dsmap.dsnet.experiments.voc_view import voc_view
 from dsmap.files import write_json
 
@@ -91,7 +91,9 @@ def voc_lk(
     for name, reason in skipped.items():
         report(f"{name} left out: {reason}")
     cells = [
-        training_cell(Run(name, net, view.train, view.val, setting.train, setting.augment), view.about, where)
+        training_cell(
+            TrainingRun(name, net, view.train, view.val, setting.train, setting.augment), view.about, where
+        )
         for name, net in nets.items()
         if name not in skipped
     ]
@@ -136,9 +138,9 @@ def voc_nyu(
     voc_net, nyu_net = DSNetConfig(classes=_CLASSES), DSNetConfig(classes=NUM_CLASSES)
     slow = replace(setting.finetune, init_lr=INIT_LR)
     runs = [
-        Run("voc", voc_net, view.train, view.val, setting.train, setting.augment),
-        Run("nyu_after_voc", nyu_net, [train], val, slow, init=out / "voc" / "best.safetensors"),
-        Run("nyu_alone", nyu_net, [train], val, setting.finetune),
+        TrainingRun("voc", voc_net, view.train, view.val, setting.train, setting.augment),
+        TrainingRun("nyu_after_voc", nyu_net, [train], val, slow, init=out / "voc" / "best.safetensors"),
+        TrainingRun("nyu_alone", nyu_net, [train], val, setting.finetune),
     ]
     runs = [run for run in runs if run.name in setting.cells or not setting.cells]
     table = run_cells([training_cell(run, view.about, where) for run in runs], out, report)

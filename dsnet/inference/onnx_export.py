@@ -15,7 +15,7 @@ from dsmap.dsnet.inference.onnx_graph import (
     affine,
     answer,
     convolve,
-    finished,
+    finished_model,
     network_input,
     numpy_of,
 )
@@ -73,7 +73,7 @@ def build_onnx(
     if info.temperature != 1:
         logits = g.add("Mul", logits, g.constant(1 / info.temperature))
     answer(g, logits)
-    return finished(g, model.config, info, (width, height), batch)
+    return finished_model(g, model.config, info, (width, height), batch)
 
 
 def _logits_of_dsnet(g: Graph, x: str, model: DSNet, size: tuple[int, int], unpool: Unpool) -> str:

@@ -83,7 +83,7 @@ def answer(g: Graph, logits: str) -> None:
     g.name(g.add("Softmax", g.add("Transpose", logits, perm=[0, 2, 3, 1]), axis=-1), "probabilities")
 
 
-def finished(
+def finished_model(
     g: Graph, config: NetConfig, info: WeightsInfo, size: tuple[int, int], batch: int
 ) -> onnx.ModelProto:
     """The checked model of a graph."""

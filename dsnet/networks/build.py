@@ -8,7 +8,7 @@ from dsmap.dsnet.networks.dsnet import DSNet
 from dsmap.dsnet.networks.dsnet_p import DSNetP
 
 
-def build(config: NetConfig) -> nn.Module:
+def build_network(config: NetConfig) -> nn.Module:
     """A network with fresh weights and its configuration as `.config`.
 
     All take float32 (N, channels, H, W) of `to_input`, H and W multiples of 32, and give logits

@@ -144,7 +144,7 @@ def shift_and_flip(images: np.ndarray, shift: int, flip: float, rng: np.random.G
     return padded[np.arange(count)[:, None, None], rows[:, :, None], columns[:, None, :]]
 
 
-def learning_rate(done: float, config: ClassifyConfig) -> float:
+def classifier_rate(done: float, config: ClassifyConfig) -> float:
     """The rate when a share of all steps is done, 0 <= done < 1."""
     if done < config.warmup:
         return config.lr * (0.1 + 0.9 * done / config.warmup)
@@ -181,7 +181,7 @@ def _train_epoch(
     total = 0.0
     for step, (inputs, labels) in enumerate(batches(images, config, epoch)):
         for group in optimiser.param_groups:
-            group["lr"] = learning_rate((epoch * steps + step) / (config.epochs * steps), config)
+            group["lr"] = classifier_rate((epoch * steps + step) / (config.epochs * steps), config)
         with torch.autocast(device.type, torch.bfloat16, enabled=config.amp):
             logits = model(inputs.to(device))
         loss = F.cross_entropy(logits.float(), labels.to(device))

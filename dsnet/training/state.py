@@ -9,7 +9,7 @@ from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 
 from dsmap.dsnet.checkpoint import TRAINING_FORMAT, load_state, load_tensors, load_weights, save_tensors
 from dsmap.dsnet.config import AugmentConfig, DSNetConfig, DSNetPConfig, NetConfig, TrainConfig
-from dsmap.dsnet.networks.build import build
+from dsmap.dsnet.networks.build import build_network
 from dsmap.dsnet.networks.dsnet_p import DSNetP
 from dsmap.dsnet.networks.efficientnet_lite import EfficientNetLite
 from dsmap.dsnet.networks.imagenet import load_imagenet
@@ -39,7 +39,7 @@ def new_state(net: NetConfig, config: TrainConfig, init: Path | None, device: st
     Raises:
         InputError: `init` is no weights file, or of another network.
     """
-    model = build(net)
+    model = build_network(net)
     given = set() if init is None else start_from(model, init)
     if isinstance(model, DSNetP):
         prepare_encoder(model.encoder, net, config, init is None)

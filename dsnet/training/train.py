@@ -80,7 +80,7 @@ def train(
         images, held_back = read_data(data, val, with_geometry, progress and ranks.first, label_map)
         net = replace(net, classes=len(images.class_names))
         run = run_record(net, augmentation, config, images, teacher)
-        state = start(out, net, config, run, init, resume, ranks)
+        state = begin_training(out, net, config, run, init, resume, ranks)
         stream = AugmentedStream(images, augmentation, config, with_geometry)
         weights = class_weights(images, config.balance, config.shares, config.balance_power)
         master = None
@@ -133,7 +133,7 @@ def run_record(
     return as_read_back(run)
 
 
-def start(
+def begin_training(
     out: Path, net: NetConfig, config: TrainConfig, run: dict, init: Path | None, resume: bool, ranks: Ranks
 ) -> State:
     """A new state, or that of the checkpoint in `out`."""

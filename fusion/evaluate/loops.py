@@ -6,7 +6,7 @@ import numpy as np
 
 from dsmap.errors import InputError
 from dsmap.fusion.lie import inverse, pose_difference
-from dsmap.fusion.runs.read_run import Run
+from dsmap.fusion.runs.read_run import SavedRun
 from dsmap.sequences import Sequence
 
 MAX_DISTANCE = 0.05
@@ -15,7 +15,7 @@ MAX_ANGLE_DEG = 3.0
 """... or by more than this [deg]."""
 
 
-def evaluate_loops(run: Run, reference: Sequence, pairs: list[tuple[int, int]]) -> dict[str, Any]:
+def evaluate_loops(run: SavedRun, reference: Sequence, pairs: list[tuple[int, int]]) -> dict[str, Any]:
     """Scores of the loops in loops.json.
 
     Args:
@@ -62,7 +62,7 @@ def evaluate_loops(run: Run, reference: Sequence, pairs: list[tuple[int, int]]) 
     return tree | {"each": each}
 
 
-def _judged(run: Run, loop: dict[str, Any], true: dict[int, np.ndarray]) -> dict[str, Any]:
+def _judged(run: SavedRun, loop: dict[str, Any], true: dict[int, np.ndarray]) -> dict[str, Any]:
     """One loop with its error; `wrong` is None where the reference lacks a pose of its frames."""
     try:
         source, destination = int(loop["frame"]), int(loop["frame_destination"])

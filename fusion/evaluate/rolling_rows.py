@@ -42,7 +42,7 @@ def rows_of(
     """
     for other in (frame - 1, frame + 1) if readout_s else ():
         if other in poses:
-            seconds = reference.entries[frame].taken - reference.entries[other].taken
+            seconds = reference.entries[frame].pose_time - reference.entries[other].pose_time
             if 0 < abs(seconds) <= MAX_GAP_S:
                 return Rows(velocity(poses[other], poses[frame], seconds), readout_s, height)
     return None

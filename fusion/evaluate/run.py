@@ -7,7 +7,7 @@ from dsmap.fusion.evaluate.loops import evaluate_loops
 from dsmap.fusion.evaluate.semantics import EVALUATION_SIZE, evaluate_semantics
 from dsmap.fusion.evaluate.surface import evaluate_surface
 from dsmap.fusion.evaluate.trajectory import evaluate_trajectory
-from dsmap.fusion.runs.read_run import Run, load_run, pair_frames
+from dsmap.fusion.runs.read_run import SavedRun, load_run, pair_frames
 from dsmap.fusion.segmenter import Segmenter
 from dsmap.sequences import Sequence
 
@@ -18,7 +18,7 @@ _SPEED_KEYS = ("fps", "stages_ms", "peak_rss_bytes")
 
 
 def evaluate_run(
-    run: Run | Path | str,
+    run: SavedRun | Path | str,
     reference: Sequence,
     segmenter: Segmenter | None = None,
     max_frames: int = MAX_FRAMES,
@@ -40,7 +40,7 @@ def evaluate_run(
     Raises:
         InputError: the run is damaged, or the reference is another recording.
     """
-    if not isinstance(run, Run):
+    if not isinstance(run, SavedRun):
         run = load_run(run)
     small = reference.resized(evaluation_size(reference))
     pairs = pair_frames(run, small)

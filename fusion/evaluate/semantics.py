@@ -12,7 +12,7 @@ from dsmap.classes import NUM_CLASSES, VOID
 from dsmap.errors import InputError
 from dsmap.frame import Intrinsics
 from dsmap.fusion.labels.segment import segment_later
-from dsmap.fusion.runs.read_run import Run, evenly_spread
+from dsmap.fusion.runs.read_run import SavedRun, evenly_spread
 from dsmap.fusion.segmenter import Segmenter
 from dsmap.kernels.camera import make_camera
 from dsmap.kernels.index_map import render_index
@@ -46,7 +46,7 @@ def unknown(reason: str) -> dict[str, Any]:
 class MapRenderer:
     """Renders class probabilities of the finished map into a camera."""
 
-    def __init__(self, run: Run, camera: Intrinsics):
+    def __init__(self, run: SavedRun, camera: Intrinsics):
         labels = run.config.labels
         self.run = run
         self.camera = make_camera(camera)
@@ -66,7 +66,7 @@ class MapRenderer:
 
 
 def evaluate_semantics(
-    run: Run,
+    run: SavedRun,
     reference: Sequence,
     pairs: list[tuple[int, int]],
     segmenter: Segmenter | None,
@@ -134,7 +134,7 @@ def evaluate_network(answers: Iterable[tuple[np.ndarray | None, np.ndarray]]) ->
     return (score.tree() if count else unknown("no frame was segmented")), count
 
 
-def run_size(run: Run, reference: Sequence) -> tuple[int, int]:
+def run_size(run: SavedRun, reference: Sequence) -> tuple[int, int]:
     """The (width, height) that the run's segmenter saw; the recording's own if the run does not say."""
     size = run.settings.get("sequence", {}).get("size")
     own = reference.calibration.intrinsics

@@ -7,7 +7,7 @@ from scipy.spatial import KDTree
 
 from dsmap.errors import InputError
 from dsmap.fusion.evaluate.trajectory import back_project
-from dsmap.fusion.runs.read_run import Run, evenly_spread
+from dsmap.fusion.runs.read_run import SavedRun, evenly_spread
 from dsmap.kernels.mesh_distance import closest_on_mesh
 from dsmap.metrics import ConfusionMatrix
 from dsmap.sequences import Sequence
@@ -27,7 +27,7 @@ _NAMES = (
 
 
 def evaluate_surface(
-    run: Run, reference: Sequence, pairs: list[tuple[int, int]], alignment: np.ndarray | None
+    run: SavedRun, reference: Sequence, pairs: list[tuple[int, int]], alignment: np.ndarray | None
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """Scores of stable surfels against the reference's `mesh.ply`.
 
@@ -73,7 +73,7 @@ def evaluate_surface(
     return surface, matrix.scores()
 
 
-def seen_surface(reference: Sequence, mesh: LabelledMesh, run: Run) -> np.ndarray:
+def seen_surface(reference: Sequence, mesh: LabelledMesh, run: SavedRun) -> np.ndarray:
     """Points of the mesh seen by reference frames in the run's depth range, one in 2 cm, shape (N, 3)."""
     chunks, (near, far) = [], run.config.depth_range
     for i in evenly_spread(len(reference), _SEEN_FRAMES):
@@ -102,7 +102,9 @@ def _thin(points: np.ndarray) -> np.ndarray:
     return points[np.unique(keys, return_index=True)[1]]
 
 
-def _closest(points: np.ndarray, mesh: LabelledMesh, run: Run) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _closest(
+    points: np.ndarray, mesh: LabelledMesh, run: SavedRun
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return closest_on_mesh(points, mesh.vertices, mesh.faces, max_distance=_FAR_M, device=run.surfels.device)
 
 
@@ -113,7 +115,7 @@ def _completeness(surfels: np.ndarray, seen: np.ndarray) -> float | None:
     return float(np.isfinite(distance).mean())
 
 
-def _missing(run: Run, reference: Sequence, alignment: np.ndarray | None) -> str:
+def _missing(run: SavedRun, reference: Sequence, alignment: np.ndarray | None) -> str:
     """Why the surface cannot be scored; empty if it can."""
     if not (reference.path / FILE).exists():
         return f"the reference has no {FILE}"

@@ -9,7 +9,7 @@ from dsmap.frame import Intrinsics
 from dsmap.fusion.evaluate.epipolar import epipolar_table
 from dsmap.fusion.evaluate.rolling_rows import Rows, rows_of
 from dsmap.fusion.evaluate.sfm import sfm_table
-from dsmap.fusion.runs.read_run import Run, evenly_spread
+from dsmap.fusion.runs.read_run import SavedRun, evenly_spread
 from dsmap.metrics import align_se3, ate_rmse, relative_pose_error
 from dsmap.sequences import Sequence
 
@@ -24,7 +24,7 @@ _MIN_OVERLAP = 0.1
 
 
 def evaluate_trajectory(
-    run: Run, reference: Sequence, pairs: list[tuple[int, int]], sfm: bool = False
+    run: SavedRun, reference: Sequence, pairs: list[tuple[int, int]], sfm: bool = False
 ) -> tuple[dict[str, Any], np.ndarray | None]:
     """Scores of the trajectory.
 

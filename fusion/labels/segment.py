@@ -8,7 +8,7 @@ from dsmap.fusion.labels.gravity import MapGravity
 from dsmap.fusion.labels.upright import segment_upright
 from dsmap.fusion.segmenter import Segmenter, wants_geometry
 from dsmap.kernels.camera import make_camera
-from dsmap.kernels.preprocess import clean_depth, preprocess
+from dsmap.kernels.preprocess import depth_in_range, preprocess
 from dsmap.kernels.runtime import chosen_device
 from dsmap.kernels.types import FrameMaps
 
@@ -44,6 +44,6 @@ def segment_later(
     """`segment` for a frame of a finished map, whose maps are gone; intrinsics are those of the frame."""
     if not wants_geometry(segmenter):
         return segmenter(frame)
-    depth = clean_depth(frame.depth, *config.depth_range)
+    depth = depth_in_range(frame.depth, *config.depth_range)
     maps = preprocess(frame.rgb, depth, [make_camera(intrinsics)], chosen_device("cpu"))[0]
     return segment(segmenter, frame, maps, T_world_camera, gravity)

@@ -44,7 +44,7 @@ class Constraints:
 
 
 @dataclass
-class Fit:
+class GraphFit:
     """What an optimisation came to. Distances [m]; rotation without unit; RMS over the rows of each term."""
 
     accepted: bool
@@ -132,7 +132,7 @@ class DeformationGraph:
         weights = np.where(total > 1e-12, weights / np.where(total > 1e-12, total, 1), 1 / INFLUENCES)
         return np.take_along_axis(candidates, order[:, :INFLUENCES], axis=1), weights
 
-    def optimise(self, constraints: Constraints) -> Fit:
+    def optimise(self, constraints: Constraints) -> GraphFit:
         """Bend the graph until the constraints hold: E = w_rot E_rot + w_reg E_reg + w_con (E_con + E_pin).
 
         The deformation is kept only where the fit is accepted, else the graph stays as it was.
@@ -143,7 +143,7 @@ class DeformationGraph:
             problem.residuals(solution.deformation),
             problem.residuals(np.zeros_like(self.deformation)),
         )
-        fit = Fit(
+        fit = GraphFit(
             False, "", solution.iterations, solution.cost_before, solution.cost,
             constraint_before=_rms(before["constraint"]), constraint=_rms(after["constraint"]),
             pin=_rms(after["pin"]), regularity=_rms(after["regularity"]), strain=_rms(after["rotation"]),
@@ -218,7 +218,7 @@ class DeformationGraph:
             self.influences(destination, np.asarray(c.t_destination)),
         )  # fmt: skip
 
-    def _objection(self, fit: Fit) -> str:
+    def _objection(self, fit: GraphFit) -> str:
         config = self.config
         reasons = [
             (not np.isfinite(fit.cost), "the normal equations have no solution"),

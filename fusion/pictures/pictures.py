@@ -84,13 +84,13 @@ def confidence_colours(weight: np.ndarray, low: float = 1.0) -> tuple[np.ndarray
     """Surfel confidence as viridis on a log scale from `low`: RGB uint8 (N, 3) and the scale's ends."""
     high = max(10.0 * low, float(np.percentile(weight, 99)) if len(weight) else 0.0)
     scaled = np.log(weight.clip(low, high) / low) / np.log(high / low)
-    return plots.colour_map("viridis", scaled), low, high
+    return plots.through_colour_map("viridis", scaled), low, high
 
 
 def time_colours(time: np.ndarray) -> tuple[np.ndarray, float, float]:
     """Frame numbers as turbo: RGB uint8 (N, 3) and the scale's ends."""
     low, high = (float(time.min()), float(time.max())) if len(time) else (0.0, 1.0)
-    return plots.colour_map("turbo", (time - low) / max(high - low, 1.0)), low, max(high, low + 1)
+    return plots.through_colour_map("turbo", (time - low) / max(high - low, 1.0)), low, max(high, low + 1)
 
 
 def shown_weight(weight: np.ndarray, min_weight: float) -> float:

@@ -22,7 +22,7 @@ _LEGEND_CODE = {(True, True): 1, (True, False): 2, (False, False): 3, (False, Tr
 _LOG_TICKS = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000)
 
 
-def colour_map(name: str, values: np.ndarray) -> np.ndarray:
+def through_colour_map(name: str, values: np.ndarray) -> np.ndarray:
     """Values in [0, 1], shape (N,), through a matplotlib colour map: RGB, uint8, shape (N, 3)."""
     return matplotlib.colormaps[name](values, bytes=True)[..., :3]
 

@@ -25,11 +25,11 @@ LOG_EVERY = 20
 
 
 @dataclass
-class Run:
+class RunState:
     """A mapper on its way through a recording."""
 
     mapper: Mapper
-    save: Callable[["Run"], None]
+    save: Callable[["RunState"], None]
     """Writes the checkpoint."""
     done: int = 0
     """Frames of the recording that are behind us, skipped ones included."""
@@ -43,8 +43,8 @@ class Run:
     """Seconds spent, before an interruption included."""
 
 
-def run(
-    state: Run, sequence: Sequence, checkpoint_every: int = 0, asked_to_stop: Callable[[], int] | None = None
+def map_recording(
+    state: RunState, sequence: Sequence, checkpoint_every: int = 0, asked_to_stop: Callable[[], int] | None = None
 ) -> int:
     """Map the frames that are not done yet; returns the signal that stopped it (Ctrl-C, SIGTERM, SIGHUP), or 0.
 
@@ -56,7 +56,7 @@ def run(
     """
     if asked_to_stop is None:
         with signals_noted() as asked_to_stop:
-            return run(state, sequence, checkpoint_every, asked_to_stop)
+            return map_recording(state, sequence, checkpoint_every, asked_to_stop)
     first, earlier, rest = state.done, state.skipped, sequence.rest(state.done)
     position_of = {entry.index: first + i for i, entry in enumerate(rest.entries)}
     positions = set(np.linspace(0, len(sequence) - 1, STRIP_FRAMES + 2).astype(int)[1:-1].tolist())
@@ -85,14 +85,14 @@ def run(
     return 0
 
 
-def _skip_to(state: Run, position: int, sequence: Sequence) -> None:
+def _skip_to(state: RunState, position: int, sequence: Sequence) -> None:
     """Damaged frames up to a position: counted, with the last pose."""
     while state.done < position:
         state.mapper.skip(sequence.times[state.done])
         state.done += 1
 
 
-def _checkpoint(state: Run) -> None:
+def _checkpoint(state: RunState) -> None:
     try:
         state.save(state)
     except WriteError as error:
@@ -108,7 +108,7 @@ def _say(text: str) -> None:
         stop_printing()
 
 
-def _progress(bar: Any, state: Run, total: int, result: StepResult) -> None:
+def _progress(bar: Any, state: RunState, total: int, result: StepResult) -> None:
     count = state.mapper.surfels.count
     outcome = "ok" if result.tracked else f"LOST: {result.reason}"
     bar.set_postfix_str(f"{count:,} surfels, {outcome}", refresh=False)

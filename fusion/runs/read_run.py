@@ -20,7 +20,7 @@ from dsmap.sequences.associate import associate
 
 
 @dataclass
-class Run:
+class SavedRun:
     """What `dsmap map` left behind."""
 
     path: Path
@@ -42,7 +42,7 @@ class Run:
     """loops.json: every loop that was closed (see `fusion.evaluate.loops`); None if there is none."""
 
 
-def load_run(path: Path | str, device: Any = "cpu") -> Run:
+def load_run(path: Path | str, device: Any = "cpu") -> SavedRun:
     """Read a RUN folder.
 
     Raises:
@@ -56,7 +56,7 @@ def load_run(path: Path | str, device: Any = "cpu") -> Run:
     times, poses, tracked = (meta[name][first:] for name in ("times", "poses", "tracked"))
     gravity = MapGravity(Intrinsics(**meta["intrinsics"]), meta["config"].camera_up)
     gravity.load_state(part_of(meta["arrays"], "gravity."))
-    return Run(
+    return SavedRun(
         folder, surfels, meta["config"], times, poses, tracked.astype(bool), gravity,
         settings=_read(folder / "config.yaml", yaml.safe_load, yaml.YAMLError),
         stats=_read(folder / "stats.json", json.loads, json.JSONDecodeError),
@@ -64,7 +64,7 @@ def load_run(path: Path | str, device: Any = "cpu") -> Run:
     )  # fmt: skip
 
 
-def pair_frames(run: Run, reference: Sequence) -> list[tuple[int, int]]:
+def pair_frames(run: SavedRun, reference: Sequence) -> list[tuple[int, int]]:
     """Pairs (frame of the run, frame of the reference) by stamp, one-to-one.
 
     Raises:

@@ -57,12 +57,12 @@ class MotionFilter:
         """RMS of late [m/s^2, rad/s^2], shape (2,)."""
 
     def expected(
-        self, trajectory: Sequence[TrajectoryPoint], taken: float, T_view_world: np.ndarray
+        self, trajectory: Sequence[TrajectoryPoint], pose_time: float, T_view_world: np.ndarray
     ) -> Expected | None:
         """T_view_camera of the next frame, taken at that time [s]; None where too little is known."""
         if not self._used or not self._knows(trajectory):
             return None
-        seconds = taken - trajectory[-1].taken
+        seconds = pose_time - trajectory[-1].pose_time
         if not 0 < seconds <= MAX_GAP_S:
             return None
         T = T_view_world @ trajectory[-1].T_world_camera @ exp_se3(self.velocity * seconds)
@@ -73,7 +73,7 @@ class MotionFilter:
     def learn(
         self,
         trajectory: Sequence[TrajectoryPoint],
-        taken: float,
+        pose_time: float,
         T_world_camera: np.ndarray,
         T_view_camera: np.ndarray,
         covariance: np.ndarray,
@@ -82,11 +82,11 @@ class MotionFilter:
 
         Args:
             trajectory: before this frame.
-            taken: when the frame was taken [s].
+            pose_time: when the frame was taken [s].
             covariance: of xi in exp(xi^) T_view_camera, as registration states it without any expectation, (6, 6).
         """
         before = trajectory[-1]
-        seconds = taken - before.taken
+        seconds = pose_time - before.pose_time
         if not (before.tracked and 0 < seconds <= MAX_GAP_S and np.isfinite(covariance).all()):
             return
         A = adjoint(inverse(T_view_camera))

@@ -42,18 +42,18 @@ class RowMotion:
 
 
 def row_motion(
-    readout_s: float, trajectory: Sequence[TrajectoryPoint], taken: float, T_view_world: np.ndarray
+    readout_s: float, trajectory: Sequence[TrajectoryPoint], pose_time: float, T_view_world: np.ndarray
 ) -> RowMotion | None:
     """Of the next frame, with poses in the coordinates of a view; None where all rows are taken at once, or
     where the frame before was lost or too long ago to tell how the camera moves.
 
     Args:
         trajectory: of all frames before it.
-        taken: when it is taken [s].
+        pose_time: when it is taken [s].
     """
     if not readout_s or not trajectory or not trajectory[-1].tracked:
         return None
-    seconds = taken - trajectory[-1].taken
+    seconds = pose_time - trajectory[-1].pose_time
     if not 0 < seconds <= MAX_GAP_S:
         return None
     return RowMotion(readout_s, T_view_world @ trajectory[-1].T_world_camera, seconds)

@@ -64,9 +64,9 @@ def _read(path: Path) -> Foreign:
         from dsmap.sim_scenes.importers.mjcf import read_mjcf
 
         return read_mjcf(path)
-    from dsmap.sim_scenes.importers.mesh import read_ply, read_scene
+    from dsmap.sim_scenes.importers.mesh import read_scan, read_scene
 
-    return read_ply(path) if path.suffix.lower() == ".ply" else read_scene(path)
+    return read_scan(path) if path.suffix.lower() == ".ply" else read_scene(path)
 
 
 def _assemble(
@@ -96,7 +96,7 @@ def _assemble(
     if foreign.lit:
         scene.ambient = np.zeros(3)
     elif foreign.lights:
-        moved = [lighting.moved(light, turn, shift) for light in foreign.lights]
+        moved = [lighting.moved_lamp(light, turn, shift) for light in foreign.lights]
         lighting.imported(scene, moved)
     else:
         lighting.imported(scene, lighting.ceiling_lights(room))

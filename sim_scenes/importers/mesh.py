@@ -53,7 +53,7 @@ def read_scene(path: Path) -> Foreign:
     return Foreign(chunks, [], "y" if path.suffix.lower() != ".obj" else "z", lit=False)
 
 
-def read_ply(path: Path) -> Foreign:
+def read_scan(path: Path) -> Foreign:
     """A scan: colours a vertex (shown as they are), a class or object id for each vertex or face."""
     mesh = _load(path)
     if not isinstance(mesh, trimesh.Trimesh) or not len(mesh.faces):

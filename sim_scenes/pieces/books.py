@@ -111,7 +111,7 @@ def _lying_pile(
     return x + widest + 0.005
 
 
-def stack_of_books(rng: np.random.Generator, looks: Looks, count: int) -> Assembly:
+def pile_of_books(rng: np.random.Generator, looks: Looks, count: int) -> Assembly:
     """A few books lying on each other; the top one shows its cover."""
     pile, z = Assembly("books"), 0.0
     for k in range(count):

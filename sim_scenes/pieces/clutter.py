@@ -17,12 +17,12 @@ Make = Callable[[np.random.Generator, Looks], Assembly]
 
 def stack_of_books(rng: np.random.Generator, looks: Looks) -> Assembly:
     """Two to six books lying on each other."""
-    return books.stack_of_books(rng, looks, int(rng.integers(2, 7)))
+    return books.pile_of_books(rng, looks, int(rng.integers(2, 7)))
 
 
 def one_book(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A single book lying with its cover up."""
-    return books.stack_of_books(rng, looks, 1)
+    return books.pile_of_books(rng, looks, 1)
 
 
 _READING: tuple[Make, ...] = (

@@ -38,7 +38,7 @@ def _dark() -> np.ndarray:
     return np.repeat((34 + 7 * np.sin(x / 5.0) * np.sin(y / 7.0))[..., None], 3, 2).astype(np.uint8)
 
 
-def plant(rng: np.random.Generator, looks: Looks, height: float) -> Assembly:
+def potted_plant(rng: np.random.Generator, looks: Looks, height: float) -> Assembly:
     """A potted plant: a turned pot and a bush of long thin leaves."""
     piece = Assembly("objects")
     pot, leaf = (

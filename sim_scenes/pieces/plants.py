@@ -118,4 +118,4 @@ def plant(rng: np.random.Generator, looks: Looks) -> Assembly:
     """A plant for the floor, of any habit."""
     makes = (palm, rubber_plant, rubber_plant, snake_plant)
     k = int(rng.integers(len(makes) + 1))
-    return makes[k](rng, looks) if k < len(makes) else decor.plant(rng, looks, rng.uniform(0.8, 1.3))
+    return makes[k](rng, looks) if k < len(makes) else decor.potted_plant(rng, looks, rng.uniform(0.8, 1.3))

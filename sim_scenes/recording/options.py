@@ -99,7 +99,7 @@ class Take:
         return self.poses[frame], None if self.T_world_body is None else self.T_world_body[frame]
 
 
-def camera_of(options: RenderOptions) -> Intrinsics:
+def camera_of_options(options: RenderOptions) -> Intrinsics:
     """The camera of the options: their intrinsics, else those of the sensor they imitate."""
     if options.intrinsics is None:
         camera = SENSORS[options.noise].camera(options.width, options.height)
@@ -126,7 +126,7 @@ def plan_take(scene: Scene, options: RenderOptions) -> Take:
     times = np.arange(len(poses)) / options.fps
     return Take(
         scene,
-        camera_of(options),
+        camera_of_options(options),
         Effects.sample(options.effects, options.seed),
         poses,
         covered_frames(options.path, len(poses), options.fps, options.seed),

@@ -20,7 +20,7 @@ from dsmap.sim_scenes.recording.options import RenderOptions, Take, plan_take
 from dsmap.sim_scenes.render.open_renderer import open_renderer
 from dsmap.sim_scenes.render.renderer import Image, Renderer, part_tables
 from dsmap.sim_scenes.scene import Scene
-from dsmap.sim_scenes.sensors.colour_camera import apply, exposure_flow, tremor
+from dsmap.sim_scenes.sensors.colour_camera import apply, exposure_flow, frame_tremor
 from dsmap.sim_scenes.sensors.registry import SENSORS
 
 
@@ -93,7 +93,7 @@ class _Finish:
             return image.rgb
         pose = take.poses[index]
         if self.options.path == "views":
-            neighbour = pose @ tremor(effects, index)
+            neighbour = pose @ frame_tremor(effects, index)
         else:
             neighbour = take.poses[index - 1] if index else take.poses[min(1, len(take.poses) - 1)]
         flow = exposure_flow(image.depth, take.camera, pose, neighbour, effects)

@@ -28,5 +28,5 @@ def open_renderer(
     if name in RENDERERS:
         from dsmap.sim_scenes.render import opengl
 
-        return opengl.open_renderer(name, scene, camera, shadows)
+        return opengl.open_opengl(name, scene, camera, shadows)
     raise InputError(f"unknown renderer {name!r}; expected one of: {', '.join(RENDERERS)}")

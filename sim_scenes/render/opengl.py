@@ -35,7 +35,7 @@ def _linear(display: np.ndarray) -> np.ndarray:
     return 1.5 * np.asarray(display, float) ** 2.2
 
 
-def open_renderer(name: str, scene: Scene, camera: Intrinsics, shadows: bool = True) -> Renderer:
+def open_opengl(name: str, scene: Scene, camera: Intrinsics, shadows: bool = True) -> Renderer:
     """`mujoco` or `pyrender`; see `open_renderer.open_renderer`.
 
     Raises:

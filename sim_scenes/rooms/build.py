@@ -73,7 +73,7 @@ def _draw(name: str, seed: int, key: list[int]) -> Scene:
     looks = Looks(rng)
     height = rng.uniform(2.45, 2.75)
     if name == "flat":
-        plan = flats.draw(rng, height)
+        plan = flats.draw_flat(rng, height)
     else:
         kind = KINDS[name]
         size = np.array([rng.uniform(*kind.width), rng.uniform(*kind.depth), height])
@@ -91,7 +91,7 @@ def _draw(name: str, seed: int, key: list[int]) -> Scene:
 def _finish(rng: np.random.Generator, looks: Looks, layout: Layout, plan: blueprint.Blueprint) -> np.ndarray:
     """Walls, furniture and pictures of one room; returns the point to look at first."""
     kind = KINDS[layout.room.kind]
-    shell.build(rng, looks, layout, plan.apply(layout))
+    shell.close_room(rng, looks, layout, plan.apply(layout))
     layout.floor.least = min(1.0, 0.12 * float(np.prod(layout.size[:2])))
     furnisher = Furnisher(rng, looks, layout)
     target = kind.furnish(furnisher)

@@ -28,7 +28,7 @@ class Tiling:
     ring: int
 
 
-def draw(rng: np.random.Generator, height: float) -> Blueprint:
+def draw_flat(rng: np.random.Generator, height: float) -> Blueprint:
     """A flat of five to eight rooms about the origin."""
     tiling = (_corridor, _pinwheel, _square)[int(rng.integers(3))](rng)
     box = np.array([tile[1:] for tile in tiling.tiles])

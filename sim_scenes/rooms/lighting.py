@@ -214,7 +214,7 @@ def _received(lamp: Light, points: np.ndarray, normals: np.ndarray) -> np.ndarra
     return power * falloff * np.clip((normals * to_light).sum(1) / distance, 0, None)
 
 
-def moved(lamp: Light, rotation: np.ndarray, shift: np.ndarray) -> Light:
+def moved_lamp(lamp: Light, rotation: np.ndarray, shift: np.ndarray) -> Light:
     """A light turned about the origin by `rotation` (3, 3), then shifted."""
     turned = None if lamp.direction is None else rotation @ lamp.direction
     return replace(lamp, position=rotation @ lamp.position + shift, direction=turned)

@@ -40,7 +40,9 @@ class Opening:
         return self.x1 - self.x0
 
 
-def fill(rng: np.random.Generator, looks: Looks, layout: Layout, wall: Wall, opening: Opening) -> None:
+def fill_opening(
+    rng: np.random.Generator, looks: Looks, layout: Layout, wall: Wall, opening: Opening
+) -> None:
     """Put the door, frame or window into its hole and keep the floor before it free."""
     if opening.kind == WINDOW:
         _window(rng, looks, layout, wall, opening)

@@ -12,7 +12,9 @@ from dsmap.sim_scenes.scene import Assembly
 from dsmap.sim_scenes.textures.palette import WHITES, Looks
 
 
-def build(rng: np.random.Generator, looks: Looks, layout: Layout, holes: Sequence[Sequence[Opening]]) -> None:
+def close_room(
+    rng: np.random.Generator, looks: Looks, layout: Layout, holes: Sequence[Sequence[Opening]]
+) -> None:
     """Close a room whose walls have the holes `holes[wall]`; walls say how thick they are."""
     paper = looks.wall(layout.room.kind)
     accent = looks.wall() if layout.room.kind != "bathroom" and rng.random() < 0.5 else paper
@@ -31,7 +33,7 @@ def build(rng: np.random.Generator, looks: Looks, layout: Layout, holes: Sequenc
         _skirting(body, looks, wall, sorted(holes[k], key=lambda o: o.x0))
         layout.scene.place(body, (*wall.centre, 0), wall.yaw, room=layout.index)
         for opening in holes[k]:
-            openings.fill(rng, looks, layout, wall, opening)
+            openings.fill_opening(rng, looks, layout, wall, opening)
         _sockets(rng, looks, layout, wall, holes[k])
 
 

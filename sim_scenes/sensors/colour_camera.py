@@ -183,7 +183,7 @@ def exposure_flow(
     return flow if float(np.abs(flow).max()) >= 0.5 else None
 
 
-def tremor(effects: Effects, frame: int) -> np.ndarray:
+def frame_tremor(effects: Effects, frame: int) -> np.ndarray:
     """The hand's movement between two frames, for pictures that have no neighbour, shape (4, 4).
 
     Drawn by (seed, frame): rotations of about 0.6 degrees, now and then three times that; 3 mm.

@@ -45,12 +45,12 @@ def fill(default: T, values: dict[str, Any], where: str, strict: bool = True) ->
     return dataclasses.replace(default, **changes)  # type: ignore[type-var]
 
 
-def merged(base: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:
+def merged_values(base: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:
     """Nested dicts, those of `over` first."""
     out = dict(base)
     for key, value in over.items():
         old = out.get(key)
-        out[key] = merged(old, value) if isinstance(old, dict) and isinstance(value, dict) else value
+        out[key] = merged_values(old, value) if isinstance(old, dict) and isinstance(value, dict) else value
     return out
 
 

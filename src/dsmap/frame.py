@@ -74,7 +74,7 @@ class Frame:
     """Stamp of the depth image [s], which is the time of the pose; None: that of the colour."""
 
     @property
-    def taken(self) -> float:
+    def pose_time(self) -> float:
         """When the camera was at the frame's pose [s]."""
         return self.time if self.depth_time is None else self.depth_time
 

@@ -9,7 +9,7 @@ import pytest
 torch = pytest.importorskip("torch")
 
 from dsmap.dsnet.config import DSNetPConfig, TrainConfig  # noqa: E402
-from dsmap.dsnet.networks.build import build  # noqa: E402
+from dsmap.dsnet.networks.build import build_network  # noqa: E402
 from dsmap.dsnet.networks.dsnet import fold_batch_norms, to_input  # noqa: E402
 from dsmap.dsnet.networks.efficientnet_lite import EfficientNetLite, FrozenConv  # noqa: E402
 from dsmap.dsnet.networks.imagenet import copy_weights, load_imagenet  # noqa: E402
@@ -73,7 +73,7 @@ def test_missing_weights_are_named(monkeypatch):
 @pytest.mark.parametrize("channels", [3, 7])
 def test_folding_keeps_the_answer_and_the_frozen_convolutions(channels):
     torch.manual_seed(0)
-    model = shaken(build(dataclasses.replace(PLUS, channels=channels)))
+    model = shaken(build_network(dataclasses.replace(PLUS, channels=channels)))
     for conv in model.modules():
         if isinstance(conv, FrozenConv):
             conv.mean.uniform_(-0.2, 0.2)
@@ -90,7 +90,7 @@ def test_folding_keeps_the_answer_and_the_frozen_convolutions(channels):
 def test_a_fresh_network_sees_what_imagenet_saw():
     """Geometry begins without any effect on the encoder, and reaches the answer all the same."""
     torch.manual_seed(0)
-    model = build(PLUS).eval()
+    model = build_network(PLUS).eval()
     rgb = np.random.default_rng(0).integers(0, 256, (1, 64, 64, 3), np.uint8)
     given = np.random.default_rng(1).normal(size=(1, 64, 64, 4)).astype(np.float32)
     with torch.inference_mode():

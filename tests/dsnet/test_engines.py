@@ -26,7 +26,7 @@ from dsmap.dsnet.inference.onnx_export import (  # noqa: E402
 )
 from dsmap.dsnet.inference.onnx_graph import Graph  # noqa: E402
 from dsmap.dsnet.inference.predict import DSNetSegmenter, load_segmenter  # noqa: E402
-from dsmap.dsnet.networks.build import build  # noqa: E402
+from dsmap.dsnet.networks.build import build_network  # noqa: E402
 from dsmap.dsnet.networks.dsnet import DSNet, to_input  # noqa: E402
 from dsmap.dsnet.networks.dsnet_p import DSNetP  # noqa: E402
 from dsmap.dsnet.networks.efficientnet_lite import FrozenConv  # noqa: E402
@@ -52,7 +52,7 @@ def geometry(seed=0):
 def network(config=SMALL, seed=0):
     """A network with batch norms that have seen something, and answers that are far from uniform."""
     torch.manual_seed(seed)
-    model = build(config).train()
+    model = build_network(config).train()
     for module in model.modules():
         if isinstance(module, torch.nn.BatchNorm2d):
             module.momentum = None
@@ -196,7 +196,7 @@ def test_export_at_another_size_and_of_the_large_net(tmp_path):
 def test_what_cannot_be_exported_is_named(tmp_path, capsys):
     path = tmp_path / "other.safetensors"
     config = DeconvNetConfig(width=1 / 32)
-    save_weights(path, build(config), WeightsInfo(config, (WIDTH, HEIGHT)))
+    save_weights(path, build_network(config), WeightsInfo(config, (WIDTH, HEIGHT)))
     assert cli.run("export-onnx", [str(path), str(tmp_path / "x.onnx")]) == 2
     assert "expected a DS-Net" in capsys.readouterr().err
     path = saved(tmp_path / "net.safetensors")
@@ -209,7 +209,7 @@ def test_which_engine_auto_is(monkeypatch):
     model, cpu = network(), torch.device("cpu")
     assert engines.choose_engine("auto", model, cpu) == "onnx"
     assert engines.choose_engine("auto", model, torch.device("cuda")) == "torch"
-    assert engines.choose_engine("auto", build(DeconvNetConfig(width=1 / 32)), cpu) == "torch"
+    assert engines.choose_engine("auto", build_network(DeconvNetConfig(width=1 / 32)), cpu) == "torch"
     with pytest.raises(InputError, match="expected one of: auto, torch, onnx"):
         engines.choose_engine("fast", model, cpu)
     with pytest.raises(InputError, match="on cuda"):
@@ -298,11 +298,11 @@ def test_dsnet_p_races_with_dsnet_beside_it():
         network(PLUS), info, samples, rounds=2, repeats=1, names=names, rival=rival
     )
     assert [r.error for r in results] == ["", "", ""] and results[1].equal and not results[2].equal
-    assert "times as long as dsnet" in bench_net.table(results)
+    assert "times as long as dsnet" in bench_net.net_table(results)
 
 
 def test_whoever_is_wrong_or_missing_cannot_win():
-    text = bench_net.table(
+    text = bench_net.net_table(
         [
             compare_engines.Result("plain", milliseconds=[30.0, 30.0]),
             compare_engines.Result(

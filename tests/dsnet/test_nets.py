@@ -18,7 +18,7 @@ from dsmap.dsnet.config import (  # noqa: E402
     TrainConfig,
 )
 from dsmap.dsnet.inference.predict import load_segmenter  # noqa: E402
-from dsmap.dsnet.networks.build import build  # noqa: E402
+from dsmap.dsnet.networks.build import build_network  # noqa: E402
 from dsmap.dsnet.networks.classifier import Classifier  # noqa: E402
 from dsmap.dsnet.networks.deconvnet import DeconvNet  # noqa: E402
 from dsmap.dsnet.networks.dsnet import fold_batch_norms, to_input  # noqa: E402
@@ -47,12 +47,12 @@ def parameters(model) -> int:
 )
 def test_parameter_counts(name, count):
     with torch.device("meta"):
-        assert parameters(build(NetChoice(name).config())) == count
+        assert parameters(build_network(NetChoice(name).config())) == count
 
 
 def test_shipped_nets_fit_into_30_megabytes():
     with torch.device("meta"):
-        total = sum(parameters(build(config)) for config in (DSNETS["dsnet"], DSNetPConfig("lite2")))
+        total = sum(parameters(build_network(config)) for config in (DSNETS["dsnet"], DSNetPConfig("lite2")))
     assert 4 * total < 30e6
 
 
@@ -72,7 +72,7 @@ def test_deconvnet_is_the_one_of_noh_et_al():
 @pytest.mark.parametrize("config", [TINY, dataclasses.replace(TINY, channels=7), THIN, PLUS])
 def test_logits_at_half_the_size_and_gradients_everywhere(config):
     torch.manual_seed(0)
-    model = build(config).train()
+    model = build_network(config).train()
     side = 224 if isinstance(config, DeconvNetConfig) else 64
     out = model(torch.randn(2, config.channels, side, side))
     assert tuple(out.shape) == (2, 14, side // 2, side // 2) and model.config is config
@@ -82,7 +82,7 @@ def test_logits_at_half_the_size_and_gradients_everywhere(config):
 
 def test_deconvnet_needs_224_pixels_and_folds():
     torch.manual_seed(0)
-    model = build(THIN).eval()
+    model = build_network(THIN).eval()
     with pytest.raises(InputError, match="at least 224x224"):
         model(torch.zeros(1, 3, 192, 224))
     x = torch.randn(1, 3, 224, 224)
@@ -134,7 +134,7 @@ def test_choices_override_and_refuse():
 
 @pytest.mark.parametrize("config", [TINY, THIN, dataclasses.replace(TINY, channels=7), PLUS])
 def test_weights_of_every_kind_round_trip(tmp_path, config):
-    model = build(config)
+    model = build_network(config)
     save_weights(tmp_path / "net.safetensors", model, WeightsInfo(config, size=(224, 224)))
     loaded, info = load_weights(tmp_path / "net.safetensors")
     assert info.config == config
@@ -145,7 +145,7 @@ def test_weights_of_every_kind_round_trip(tmp_path, config):
 def test_geometry_reaches_the_network_and_colour_alone_serves(tmp_path):
     config = dataclasses.replace(TINY, channels=7)
     torch.manual_seed(0)
-    model = build(config).train()
+    model = build_network(config).train()
     for module in model.modules():
         if isinstance(module, torch.nn.BatchNorm2d):
             module.momentum = None  # the plain average of what was seen, at once
@@ -171,11 +171,11 @@ def test_geometry_follows_the_colours_as_it_is():
 def test_starting_from_other_classes_and_without_depth(tmp_path):
     voc = dataclasses.replace(TINY, classes=22)
     torch.manual_seed(0)
-    given, path = build(voc), tmp_path / "voc.safetensors"
+    given, path = build_network(voc), tmp_path / "voc.safetensors"
     save_weights(path, given, WeightsInfo(voc, size=(64, 64), class_names=("void", *map(str, range(21)))))
     with pytest.raises(InputError, match="classes are"):
         load_segmenter(path)
-    rgbd = build(dataclasses.replace(TINY, channels=7, dropout=0.5))
+    rgbd = build_network(dataclasses.replace(TINY, channels=7, dropout=0.5))
     fresh = rgbd.d4.deconv2[0].weight.clone()
     copied = start_from(rgbd, path)
     assert torch.equal(rgbd.stem[0][0].weight[:, :3], given.stem[0][0].weight)
@@ -183,7 +183,7 @@ def test_starting_from_other_classes_and_without_depth(tmp_path):
     assert torch.equal(rgbd.b3.conv.weight, given.b3.conv.weight) and "b3.conv.weight" in copied
     assert torch.equal(rgbd.d4.deconv2[0].weight, fresh) and "d4.deconv2.0.weight" not in copied
     with pytest.raises(InputError, match="network is"):
-        start_from(build(dataclasses.replace(TINY, growth=8)), path)
+        start_from(build_network(dataclasses.replace(TINY, growth=8)), path)
 
 
 def test_old_names_say_what_took_their_place():
@@ -196,7 +196,7 @@ def test_learning_rate_of_given_weights(tmp_path):
     path = tmp_path / "net.safetensors"
     config = dataclasses.replace(TINY, classes=22)
     save_weights(
-        path, build(config), WeightsInfo(config, (64, 64), class_names=("void", *map(str, range(21))))
+        path, build_network(config), WeightsInfo(config, (64, 64), class_names=("void", *map(str, range(21))))
     )
     state = new_state(TINY, TrainConfig(init_lr=0.125), path, "cpu")
     scale = {id(p): group["scale"] for group in state.optimiser.param_groups for p in group["params"]}

@@ -6,7 +6,7 @@ import pytest
 
 from dsmap.dsnet.datasets.registry import open_set
 from dsmap.dsnet.datasets.splits import validation_numbers
-from dsmap.dsnet.datasets.view_overlap import MIN_INLIERS, choose_blocks, cuts, gaps, matches
+from dsmap.dsnet.datasets.view_overlap import MIN_INLIERS, choose_blocks, cuts, matches, missing_before
 from dsmap.features import Features
 from dsmap.tools import cli
 
@@ -43,7 +43,7 @@ def test_series_is_cut_between_rooms_only():
 
 
 def test_gaps_of_one_number_do_not_count():
-    assert gaps([3, 4, 6, 9, 10]).tolist() == [True, False, False, True, False, True]
+    assert missing_before([3, 4, 6, 9, 10]).tolist() == [True, False, False, True, False, True]
 
 
 def test_blocks_lie_between_cuts_and_keep_the_classes_mixed():

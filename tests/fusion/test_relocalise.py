@@ -21,7 +21,7 @@ from dsmap.fusion.tracking.pose_check import PoseCheck
 from dsmap.fusion.tracking.tracker import Health
 from dsmap.fusion.trajectory import TrajectoryPoint, extrapolated
 from dsmap.kernels.predict import predict_model
-from dsmap.kernels.preprocess import clean_depth, intensity_map, preprocess
+from dsmap.kernels.preprocess import depth_in_range, intensity_map, preprocess
 from dsmap.kernels.types import ModelMaps
 
 
@@ -35,7 +35,7 @@ def mapped():
         T = exp_se3(np.array([0.012 * i, 0.004 * i, 0, 0, -0.01 * i, 0]))
         rgb, depth = room(T)
         mapper.step(Frame(i, i / 30, rgb, depth, T))
-        maps = preprocess(rgb, clean_depth(depth, 0.3, 6.0), mapper.model.cameras, mapper.model.device)
+        maps = preprocess(rgb, depth_in_range(depth, 0.3, 6.0), mapper.model.cameras, mapper.model.device)
         view = small_view(maps[0].colour.numpy(), maps[0].vertex.numpy()[..., 2], size)
         ferns.add_if_novel(ferns.encode(view), view, T, i)
 
@@ -52,7 +52,7 @@ def mapped():
 
 def locate(mapped, rgb: np.ndarray, depth: np.ndarray):
     mapper, ferns, relocaliser, predict_at = mapped
-    maps = preprocess(rgb, clean_depth(depth, 0.3, 6.0), mapper.model.cameras, mapper.model.device)
+    maps = preprocess(rgb, depth_in_range(depth, 0.3, 6.0), mapper.model.cameras, mapper.model.device)
     view = small_view(maps[0].colour.numpy(), maps[0].vertex.numpy()[..., 2], ferns.size)
     candidates = ferns.candidates(ferns.encode(view), 1000, 0)
     return relocaliser.relocalise(maps, view, candidates, predict_at)
@@ -91,7 +91,7 @@ def test_agreement_says_what_is_wrong(mapped):
     rgb, depth = room(T)
 
     def compare(rgb, depth):
-        maps = preprocess(rgb, clean_depth(depth, 0.3, 6.0), mapper.model.cameras, mapper.model.device)
+        maps = preprocess(rgb, depth_in_range(depth, 0.3, 6.0), mapper.model.cameras, mapper.model.device)
         seen = predict_at(T).level(0)
         return agreement(maps[0], seen.vertex, seen.intensity, config)
 
@@ -138,7 +138,7 @@ def test_a_guess_needs_no_keyframe(mapped):
     mapper, ferns, relocaliser, predict_at = mapped
     truth = exp_se3(np.array([0.15, 0.05, -0.05, 0.0, -0.12, 0.02]))
     rgb, depth = room(truth)
-    maps = preprocess(rgb, clean_depth(depth, 0.3, 6.0), mapper.model.cameras, mapper.model.device)
+    maps = preprocess(rgb, depth_in_range(depth, 0.3, 6.0), mapper.model.cameras, mapper.model.device)
     view = small_view(maps[0].colour.numpy(), maps[0].vertex.numpy()[..., 2], ferns.size)
     assert relocaliser.relocalise(maps, view, [], predict_at) is None
     found = relocaliser.relocalise(maps, view, [], predict_at, guesses=[np.eye(4)])

@@ -16,7 +16,7 @@ from dsmap.fusion.places.relocalise import Relocaliser
 from dsmap.fusion.surfels.model import LEVELS
 from dsmap.fusion.surfels.model_view import ModelView
 from dsmap.kernels.predict import predict_model
-from dsmap.kernels.preprocess import clean_depth, intensity_map, preprocess
+from dsmap.kernels.preprocess import depth_in_range, intensity_map, preprocess
 from dsmap.kernels.types import ModelMaps
 from dsmap.tools.cli import run
 
@@ -139,7 +139,7 @@ def _mapped(scene, take, images):
         return ModelView(maps.vertex, maps.normal, intensity_map(maps.colour), LEVELS, T)
 
     def find(rgb: np.ndarray, depth: np.ndarray):
-        maps = preprocess(rgb, clean_depth(depth, 0.3, 8.0), mapper.model.cameras, mapper.model.device)
+        maps = preprocess(rgb, depth_in_range(depth, 0.3, 8.0), mapper.model.cameras, mapper.model.device)
         view = small_view(maps[0].colour.numpy(), maps[0].vertex.numpy()[..., 2], size)
         return relocaliser.relocalise(maps, view, ferns.candidates(ferns.encode(view), 10**6), predict_at)
 

@@ -105,7 +105,7 @@ def test_pyramid_pixels_stay_on_their_rays():
 def test_clean_depth_drops_what_is_out_of_range(bad):
     depth = scene()
     depth[5, 5] = bad
-    clean = preprocess.clean_depth(depth, 0.3, 3.5)
+    clean = preprocess.depth_in_range(depth, 0.3, 3.5)
     assert clean[5, 5] == 0 and np.isfinite(clean).all() and clean.dtype == np.float32
 
 

@@ -33,7 +33,7 @@ def test_the_same_frames_come_back(name: str, tmp_path: Path):
         assert np.array_equal(frame.rgb, shot.rgb)
         assert np.array_equal(frame.depth, shot.stored(case.units) * np.float32(1 / case.units))
         assert frame.time == pytest.approx(shot.time, abs=STAMP_TOLERANCE.get(name, 1e-9))
-        assert frame.taken == pytest.approx(shot.time, abs=STAMP_TOLERANCE.get(name, 1e-9))
+        assert frame.pose_time == pytest.approx(shot.time, abs=STAMP_TOLERANCE.get(name, 1e-9))
         if case.has_poses:
             assert frame.T_world_camera == pytest.approx(shot.T_world_camera, abs=2e-6)
     assert not sequence.skipped

@@ -99,7 +99,7 @@ def test_other_lists(file: str, tmp_path: Path):
     )
     sequence = open_sequence(folder)
     assert len(sequence) == COUNT and sequence.frame(0).rgb.shape == (48, 64, 3)
-    assert sequence.entries[0].taken == pytest.approx(START + 0.004)
+    assert sequence.entries[0].pose_time == pytest.approx(START + 0.004)
     assert sequence.has_poses
 
 

@@ -265,7 +265,7 @@ def test_real_tum_recording_has_300_pairs():
     assert (len(sequence), sequence.recording.num_rgb, sequence.recording.num_depth) == (300, 300, 301)
     assert sequence.intrinsics.fx == 517.3 and sequence.intrinsics_source == "known default of TUM fr1"
     frame = sequence.frame(0)
-    assert abs(frame.taken - frame.time) < 0.005, "depth of fr1 is stamped 20 ms late"
+    assert abs(frame.pose_time - frame.time) < 0.005, "depth of fr1 is stamped 20 ms late"
     assert sequence.readout_s == 0.026, "a Kinect's rolling shutter"
     assert frame.rgb.shape == (480, 640, 3) and 0.5 < np.median(frame.depth[frame.depth > 0]) < 2
 

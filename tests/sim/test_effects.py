@@ -6,7 +6,7 @@ import pytest
 
 from dsmap.errors import InputError
 from dsmap.sim_scenes.render.renderer import default_camera
-from dsmap.sim_scenes.sensors.colour_camera import Effects, apply, exposure_flow, tremor
+from dsmap.sim_scenes.sensors.colour_camera import Effects, apply, exposure_flow, frame_tremor
 
 CAMERA = default_camera(160, 120)
 
@@ -107,6 +107,6 @@ def test_blur_smears_across_the_motion_and_keeps_edges_along_it() -> None:
 
 
 def test_tremor_is_a_small_rigid_motion() -> None:
-    T = tremor(Effects(seed=2), 5)
-    assert np.allclose(T[:3, :3] @ T[:3, :3].T, np.eye(3)) and (tremor(Effects(seed=2), 5) == T).all()
-    assert np.linalg.norm(T[:3, 3]) < 0.02 and (tremor(Effects(seed=2), 6) != T).any()
+    T = frame_tremor(Effects(seed=2), 5)
+    assert np.allclose(T[:3, :3] @ T[:3, :3].T, np.eye(3)) and (frame_tremor(Effects(seed=2), 5) == T).all()
+    assert np.linalg.norm(T[:3, 3]) < 0.02 and (frame_tremor(Effects(seed=2), 6) != T).any()

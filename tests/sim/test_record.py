@@ -9,7 +9,7 @@ import yaml
 
 from dsmap.errors import InputError
 from dsmap.sequences import open_sequence
-from dsmap.sim_scenes.recording.options import RenderOptions, camera_of, plan_take
+from dsmap.sim_scenes.recording.options import RenderOptions, camera_of_options, plan_take
 from dsmap.sim_scenes.recording.record import iter_frames, render_sequence
 from dsmap.sim_scenes.rooms.build import build_scene
 
@@ -22,7 +22,7 @@ def test_intrinsics_and_lens_are_written_as_rendered(tmp_path: Path) -> None:
     camera = sequence.intrinsics
     assert (camera.fx, camera.fy, camera.cx, camera.cy) == (50.0, 61.0, 20.5, 30.0)
     content = yaml.safe_load((tmp_path / "odd" / "calibration.yaml").read_text())
-    assert content["distortion"]["k1"] == pytest.approx(camera_of(options).distortion[0]) != 0
+    assert content["distortion"]["k1"] == pytest.approx(camera_of_options(options).distortion[0]) != 0
 
 
 @pytest.mark.parametrize(

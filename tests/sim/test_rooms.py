@@ -9,7 +9,7 @@ from dsmap.sim_scenes.physics.colliders import Collider, colliders_of, touch
 from dsmap.sim_scenes.physics.settle import Thing, settle
 from dsmap.sim_scenes.rooms.build import KINDS, MIX, SCENES, build_scene
 from dsmap.sim_scenes.rooms.check import blocked_ways, check_scene, interpenetrations, overlaps, strays
-from dsmap.sim_scenes.rooms.flats import ROUND_TRIP_M, circle, draw
+from dsmap.sim_scenes.rooms.flats import ROUND_TRIP_M, circle, draw_flat
 from dsmap.sim_scenes.rooms.layout import Layout
 from dsmap.sim_scenes.scene import Assembly, Room, Scene
 from dsmap.sim_scenes.space.walkable import Walkable
@@ -84,7 +84,7 @@ def test_a_scene_is_the_same_every_time() -> None:
 def test_flats_have_a_round_trip() -> None:
     lengths = []
     for seed in range(40):
-        plan = draw(np.random.default_rng(seed), 2.6)
+        plan = draw_flat(np.random.default_rng(seed), 2.6)
         assert len(plan.rooms) >= 5
         reached, frontier = {0}, [0]
         while frontier:

@@ -12,7 +12,7 @@ from dsmap.errors import InputError
 from dsmap.fusion.evaluate.timing import Timing, time_steps
 from dsmap.sequences import SequenceWriter
 from dsmap.tools.commands.bench import Args, main, summarise
-from dsmap.tools.support.bench_worker import Request, run, summary
+from dsmap.tools.support.bench_worker import Request, measured, summary
 
 
 @pytest.fixture(scope="module")
@@ -68,7 +68,7 @@ def test_ratio_is_of_the_medians():
 
 
 def test_worker_maps_the_recording(recording):
-    result = run(request(recording, frames=8))
+    result = measured(request(recording, frames=8))
     assert result["frames"] == result["tracked_frames"] == 8
     assert result["ate_rmse_m"] < 0.01
     assert {"preprocess", "track", "associate", "fuse", "predict"} <= set(result["stages_ms"])

@@ -45,10 +45,10 @@ def main(args: Args) -> None:
         f"{args.weights}, batch of one at {args.size[0]}x{args.size[1]}, "
         f"{torch.get_num_threads()} threads, {len(samples)} images compared, {args.rounds} rounds"
     )
-    print(table(race(model, info, samples, rounds=args.rounds, repeats=args.repeats, rival=rival)))
+    print(net_table(race(model, info, samples, rounds=args.rounds, repeats=args.repeats, rival=rival)))
 
 
-def table(results: list) -> str:
+def net_table(results: list) -> str:
     """Contenders with their milliseconds, their ratio to the first, and their differences from it."""
     width = max(len(result.name) for result in results)
     lines = [f"{'':<{width}}      ms  times  largest difference  where decided  pixels > 0.01"]

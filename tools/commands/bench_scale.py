@@ -58,7 +58,7 @@ def main(args: Args) -> int:
         raise InputError(f"--frames is {args.frames}; expected at least 1")
     report = measure(counts, args.frames, parse_size(args.size) or (320, 240), args.device, args.walk)
     write_json(args.out, report)
-    print(table(report))
+    print(scale_table(report))
     print(f"written to {args.out}")
     return 0
 
@@ -189,7 +189,7 @@ def _figures(mapper: Mapper, frame_ms: list[float], stages_ms: dict[str, list[fl
     }
 
 
-def table(report: dict[str, Any]) -> str:
+def scale_table(report: dict[str, Any]) -> str:
     """The report as text."""
     maps = report["maps"]
     first = maps[0]["median_ms"]

@@ -21,7 +21,7 @@ from dsmap.errors import InputError
 from dsmap.files import write_json
 from dsmap.fusion.evaluate.run import MAX_FRAMES, evaluate_run
 from dsmap.fusion.evaluate.semantics import evaluate_network
-from dsmap.fusion.runs.read_run import Run, load_run
+from dsmap.fusion.runs.read_run import SavedRun, load_run
 from dsmap.fusion.segmenter import Segmenter
 from dsmap.sequences import open_sequence
 from dsmap.sequences.formats.protocol import Options
@@ -109,7 +109,7 @@ def score_run(folder: Path, args: Args) -> dict[str, Any]:
     return evaluate_run(run, reference, segmenter, args.max_frames, args.sfm)
 
 
-def segmenter_of(run: Run, args: Args) -> Segmenter | None:
+def segmenter_of(run: SavedRun, args: Args) -> Segmenter | None:
     """The segmenter that labelled a run, from its config.yaml; `weights`, `engine` and `prior` replace the run's.
 
     A network that needs a package which is not here, or a factory that is gone, gives None and a line of

@@ -8,7 +8,7 @@ import tyro
 
 from dsmap.errors import InputError
 from dsmap.files import all_that_fits
-from dsmap.fusion.runs.map_recording import Run, run, signals_noted
+from dsmap.fusion.runs.map_recording import RunState, map_recording, signals_noted
 from dsmap.sequences import Sequence, open_sequence
 from dsmap.sequences.formats.protocol import Options
 from dsmap.sequences.pose_conventions import with_convention
@@ -16,10 +16,10 @@ from dsmap.stopping import exit_code
 from dsmap.tools.mapping.checks import check_recording, verdict, without_partner
 from dsmap.tools.mapping.help import help_text
 from dsmap.tools.mapping.options import Args
-from dsmap.tools.mapping.output import draw, remove_pictures, report, write_run
+from dsmap.tools.mapping.output import draw_pictures, remove_pictures, report, write_run
 from dsmap.tools.mapping.presets import write_preset
 from dsmap.tools.mapping.spelling import spelled_out
-from dsmap.tools.mapping.start import check_new, checkpoint_of, claimed, default_args, start
+from dsmap.tools.mapping.start import check_new, checkpoint_of, claimed, default_args, start_run
 from dsmap.tools.support.parse import parse_intrinsics, parse_size
 
 
@@ -52,19 +52,19 @@ def main(args: Args) -> int:
         if args.resume:
             checkpoint_of(args.out)
             held.enter_context(claimed(args.out))
-        state = start(args, sequence)
+        state = start_run(args, sequence)
         check_recording(args, sequence, state.mapper.config)
         if not args.resume:
             check_new(args.out, args.overwrite)
             held.enter_context(claimed(args.out))
         announce(args, sequence, state)
         asked_to_stop = held.enter_context(signals_noted())  # writing is finished first, too
-        run(state, sequence, args.checkpoint_every, asked_to_stop)
+        map_recording(state, sequence, args.checkpoint_every, asked_to_stop)
         state.wall_s += time.perf_counter() - began
         with all_that_fits(args.out) as attempt:
             attempt(write_run, args, state, sequence)
             if args.pictures:
-                attempt(draw, args.out, state, sequence)
+                attempt(draw_pictures, args.out, state, sequence)
             else:
                 remove_pictures(args.out)
             report(state, args.out)
@@ -91,7 +91,7 @@ def open_recording(args: Args) -> Sequence:
     return sequence
 
 
-def announce(args: Args, sequence: Sequence, state: Run) -> None:
+def announce(args: Args, sequence: Sequence, state: RunState) -> None:
     """Say what is about to happen."""
     print(
         f"{sequence.layout} recording, {len(sequence)} frames, intrinsics from {sequence.intrinsics_source}"

@@ -10,7 +10,7 @@ from pathlib import Path
 import tyro
 
 from dsmap.errors import InputError
-from dsmap.tools.support.figures import Entry, Measured, load_entries, number_at
+from dsmap.tools.support.figures import FigureSet, Measured, load_entries, number_at
 
 _OVERWRITES = ("map", "render-scene")
 """Commands that want --overwrite before they replace what is there."""
@@ -53,7 +53,7 @@ def main(args: Args) -> int:
     return 0 if held else 1
 
 
-def choose(entries: list[Entry], names: list[str]) -> list[Entry]:
+def choose(entries: list[FigureSet], names: list[str]) -> list[FigureSet]:
     """The entries of the given names, in the list's order.
 
     Raises:
@@ -66,7 +66,7 @@ def choose(entries: list[Entry], names: list[str]) -> list[Entry]:
     return [entry for entry in entries if "all" in names or entry.name in names]
 
 
-def missing(entry: Entry, data: Path | None) -> str:
+def missing(entry: FigureSet, data: Path | None) -> str:
     """What an entry lacks here, in a sentence; empty if nothing."""
     for folder, source in entry.needs.items():
         if data is None:
@@ -79,7 +79,7 @@ def missing(entry: Entry, data: Path | None) -> str:
     return ""
 
 
-def reproduce(entry: Entry, args: Args) -> list[Measured]:
+def reproduce(entry: FigureSet, args: Args) -> list[Measured]:
     """Run the commands of an entry for all its cases and read its figures.
 
     Raises:
@@ -93,7 +93,7 @@ def reproduce(entry: Entry, args: Args) -> list[Measured]:
             raise InputError(f"{out} exists and is not empty; expected another --out, or --overwrite")
         out.mkdir(parents=True, exist_ok=True)
         for command in entry.commands:
-            run(
+            run_command(
                 command.format(data=shlex.quote(str(args.data)), out=shlex.quote(str(out)), **case),
                 args.overwrite,
             )
@@ -104,7 +104,7 @@ def reproduce(entry: Entry, args: Args) -> list[Measured]:
     return measured
 
 
-def run(command: str, overwrite: bool) -> None:
+def run_command(command: str, overwrite: bool) -> None:
     """Run one dsmap command in a process of its own, so that speed and memory are those of a user's call."""
     words = shlex.split(command)
     if overwrite and words[0] in _OVERWRITES:
@@ -128,7 +128,7 @@ def compared(measured: Measured) -> str:
     return f"{figure.what}: {stated}, measured {value:.4g}{unit}{spread}: {verdict}"
 
 
-def described(entry: Entry) -> str:
+def described(entry: FigureSet) -> str:
     """An entry for --list."""
     cases = len(entry.cases())
     lines = [f"{entry.name}  ({entry.where})" + (f", {cases} cases" if cases > 1 else "")]

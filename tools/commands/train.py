@@ -120,7 +120,7 @@ def run_recipe(args: Args, first: bool) -> dict:
             log=args.log,
             licence_note=args.licence_note or stage.licence_note,
         )
-        best = finished(stage) if args.resume else None
+        best = finished_stage(stage) if args.resume else None
         if best is None:
             best = run_stage(stage)
         weights = stage.out / "best.safetensors"
@@ -132,7 +132,7 @@ def run_recipe(args: Args, first: bool) -> dict:
     return best
 
 
-def finished(stage: Args) -> dict | None:
+def finished_stage(stage: Args) -> dict | None:
     """The record of a stage that has been trained to its end with these options, else None."""
     from dsmap.dsnet.checkpoint import load_weights
 

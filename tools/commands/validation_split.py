@@ -10,7 +10,7 @@ from tqdm import tqdm
 
 from dsmap.classes import CLASS_NAMES, NUM_CLASSES
 from dsmap.dsnet.datasets.registry import open_set
-from dsmap.dsnet.datasets.view_overlap import choose_blocks, cuts, gaps
+from dsmap.dsnet.datasets.view_overlap import choose_blocks, cuts, missing_before
 from dsmap.errors import InputError
 from dsmap.features import Features
 from dsmap.files import atomic_path
@@ -74,4 +74,4 @@ def survey(data: Path) -> tuple[list[int], np.ndarray, np.ndarray]:
         features.append(Features(cv2.resize(grey, _SIZE, interpolation=cv2.INTER_AREA)))
         pixels[i] = np.bincount(example.label.ravel(), minlength=NUM_CLASSES)
     numbers = [int(stem) for stem in stems]
-    return numbers, cuts(features) & gaps(numbers), pixels[:, 1:]
+    return numbers, cuts(features) & missing_before(numbers), pixels[:, 1:]

@@ -5,7 +5,7 @@ import warnings
 
 from dsmap.errors import InputError, InputWarning
 from dsmap.fusion.config import MapConfig
-from dsmap.fusion.runs.map_recording import Run
+from dsmap.fusion.runs.map_recording import RunState
 from dsmap.sequences import Sequence
 from dsmap.sequences.pose_conventions import fit_poses
 from dsmap.tools.mapping.options import Args
@@ -49,7 +49,7 @@ def without_partner(sequence: Sequence) -> str:
     return f"{rgb} of {recording.num_rgb} colour and {depth} of {recording.num_depth} depth images have no partner"
 
 
-def verdict(state: Run, sequence: Sequence) -> int:
+def verdict(state: RunState, sequence: Sequence) -> int:
     """Say what to try where little or nothing was mapped; returns the exit code."""
     points = state.mapper.trajectory[state.mapper.first_frame :]
     tracked = sum(point.tracked for point in points)
@@ -66,7 +66,7 @@ def verdict(state: Run, sequence: Sequence) -> int:
     return NO_MAP if nothing else 0
 
 
-def _first_lost(state: Run, sequence: Sequence) -> tuple[int, str]:
+def _first_lost(state: RunState, sequence: Sequence) -> tuple[int, str]:
     """Index in the recording and reason of the first frame that is not in the map."""
     found = list(state.skipped[:1])
     if state.first_lost is not None:

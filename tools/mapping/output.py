@@ -9,13 +9,13 @@ import numpy as np
 from dsmap.files import all_that_fits, write_json, write_yaml
 from dsmap.fusion.labels.segment import segment_later
 from dsmap.fusion.objects.files import OBJECTS
-from dsmap.fusion.runs.map_recording import Run
+from dsmap.fusion.runs.map_recording import RunState
 from dsmap.fusion.runs.run_folder import config_values, save_run, statistics
 from dsmap.sequences import Sequence
 from dsmap.tools.mapping.options import Args
 
 
-def write_run(args: Args, state: Run, sequence: Sequence) -> None:
+def write_run(args: Args, state: RunState, sequence: Sequence) -> None:
     """Write everything but the pictures; the checkpoint last: where it is new, all else is.
 
     Raises:
@@ -51,7 +51,7 @@ def write_run(args: Args, state: Run, sequence: Sequence) -> None:
         attempt(state.save, state)
 
 
-def draw(out: Path, state: Run, sequence: Sequence) -> None:
+def draw_pictures(out: Path, state: RunState, sequence: Sequence) -> None:
     """Draw the pictures of a run."""
     from dsmap.fusion.pictures.pictures import StripFrame, write_pictures
 
@@ -85,7 +85,7 @@ def remove_pictures(out: Path) -> None:
         (out / "pictures").rmdir()
 
 
-def report(state: Run, out: Path) -> None:
+def report(state: RunState, out: Path) -> None:
     """Say in a few lines what came out."""
     stats = statistics(state.mapper, len(state.skipped), 0.0)
     tracking, speed, found = stats["tracking"], stats["speed"], stats["map"]

@@ -8,7 +8,7 @@ from typing import Any
 
 import yaml
 
-from dsmap.config_file import merged
+from dsmap.config_file import merged_values
 from dsmap.errors import InputError
 from dsmap.files import atomic_path
 from dsmap.fusion.config import MapConfig
@@ -90,7 +90,7 @@ def _load(name: str, beside: Path, seen: tuple[str, ...]) -> dict[str, Any]:
         return values
     if not isinstance(base, str):
         raise InputError(f"{file}: extends is {base!r}; expected the name of a configuration")
-    return merged(_load(base, path.parent, (*seen, str(file))), values)
+    return merged_values(_load(base, path.parent, (*seen, str(file))), values)
 
 
 def write_preset(path: Path, args: Args) -> None:

@@ -13,7 +13,7 @@ from dsmap.folders import locked, remove_leftovers
 from dsmap.fusion.config import MapConfig
 from dsmap.fusion.mapper import Mapper
 from dsmap.fusion.runs.checkpoint import load_map, read_metadata, save_map
-from dsmap.fusion.runs.map_recording import Run
+from dsmap.fusion.runs.map_recording import RunState
 from dsmap.fusion.runs.resume import mapper_in_saved_map, resumed_mapper
 from dsmap.fusion.runs.run_folder import CHECKPOINT
 from dsmap.fusion.segmenter import Segmenter
@@ -62,7 +62,7 @@ def _without_code(args: Args, where: str, argv: list[str]) -> Args:
     return args
 
 
-def start(args: Args, sequence: Sequence) -> Run:
+def start_run(args: Args, sequence: Sequence) -> RunState:
     """The mapper of the command line at its first frame, or where the checkpoint to resume stopped.
 
     Raises:
@@ -86,7 +86,7 @@ def start(args: Args, sequence: Sequence) -> Run:
         )
     else:
         mapper = Mapper(config, sequence.intrinsics, segmenter)
-    return Run(mapper, lambda now: _save(args, now))
+    return RunState(mapper, lambda now: _save(args, now))
 
 
 def check_new(out: Path, overwrite: bool) -> None:
@@ -160,12 +160,12 @@ def _check(args: Args) -> None:
         )
 
 
-def _save(args: Args, state: Run) -> None:
+def _save(args: Args, state: RunState) -> None:
     progress = {"done": state.done, "skipped": state.skipped, "wall_s": state.wall_s}
     save_map(state.mapper, args.out / CHECKPOINT, run={"command": plain_values(args), **progress})
 
 
-def _resume(args: Args, config: MapConfig, sequence: Sequence, segmenter: Segmenter | None) -> Run:
+def _resume(args: Args, config: MapConfig, sequence: Sequence, segmenter: Segmenter | None) -> RunState:
     path = checkpoint_of(args.out)
     surfels, meta = load_map(path, chosen_device(config.device))
     command = with_values(args, meta["run"].get("command", {}), str(path))
@@ -180,7 +180,7 @@ def _resume(args: Args, config: MapConfig, sequence: Sequence, segmenter: Segmen
             f"{args.path}: another camera than that of {args.out}; expected the recording it was begun with"
         )
     mapper = resumed_mapper(surfels, meta, str(path), sequence.intrinsics, segmenter, config)
-    state = Run(mapper, lambda now: _save(args, now))
+    state = RunState(mapper, lambda now: _save(args, now))
     state.done = meta["run"]["done"]
     state.skipped = [(int(index), str(reason)) for index, reason in meta["run"]["skipped"]]
     state.wall_s = meta["run"]["wall_s"]

@@ -38,7 +38,7 @@ class Request:
     device: str
 
 
-def run(request: Request) -> dict:
+def measured(request: Request) -> dict:
     """Load the frames, run the system, and sum up.
 
     Raises:
@@ -102,7 +102,7 @@ def main(request_file: str, result_file: str) -> int:
     cores = sorted(os.sched_getaffinity(0))[: request.threads]
     os.sched_setaffinity(0, cores)
     try:
-        result = run(dataclasses.replace(request, size=request.size and tuple(request.size)))
+        result = measured(dataclasses.replace(request, size=request.size and tuple(request.size)))
     except InputError as error:
         result = {"error": str(error)}
     write_json(result_file, result)

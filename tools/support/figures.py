@@ -39,7 +39,7 @@ class Figure:
 
 
 @dataclass
-class Entry:
+class FigureSet:
     """Figures that come out of the same commands."""
 
     name: str = ""
@@ -84,7 +84,7 @@ class Measured:
         return abs(self.value - self.figure.stated) <= self.figure.tolerance
 
 
-def load_entries(file: Path | None = None) -> list[Entry]:
+def load_entries(file: Path | None = None) -> list[FigureSet]:
     """All entries of a list of figures; dsmap's own by default.
 
     Raises:
@@ -127,12 +127,12 @@ def _numbered(value: Any) -> dict[str, Any]:
     return {str(i): item for i, item in enumerate(value)}
 
 
-def _entry(values: Any, where: str) -> Entry:
+def _entry(values: Any, where: str) -> FigureSet:
     if not isinstance(values, dict):
         raise InputError(f"{where}: found {brief(values)} among the entries; expected names and values")
     here = f"{where}: {brief(values.get('name', 'an entry without name'))}"
     plain = {key: value for key, value in values.items() if key != "figures"}
-    entry = fill(Entry(), plain, here)
+    entry = fill(FigureSet(), plain, here)
     listed = values.get("figures") or []
     if not isinstance(listed, list):
         raise InputError(f"{here}: found figures {brief(listed)}; expected a list")

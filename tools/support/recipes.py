@@ -9,7 +9,7 @@ from pathlib import Path
 from string import Template
 from typing import Any
 
-from dsmap.config_file import merged
+from dsmap.config_file import merged_values
 from dsmap.errors import InputError
 from dsmap.plain import read_yaml
 
@@ -54,7 +54,7 @@ def load_recipe(name: str, places: tuple[str, ...] = ()) -> list[Stage]:
     common = {key: value for key, value in recipe.items() if key not in OPTIONS}
     result = []
     for number, stage in enumerate(stages, start=1):
-        options = merged(common, stage)
+        options = merged_values(common, stage)
         label = f"{number}-{options.pop('name', 'stage')}"
         try:
             argv = [Template(word).substitute(known) for word in words(options)]

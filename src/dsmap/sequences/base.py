@@ -47,7 +47,7 @@ class Entry:
     """Stamp of the depth image on the colour's clock [s]; None: that of the colour."""
 
     @property
-    def taken(self) -> float:
+    def pose_time(self) -> float:
         """When the camera was at the given pose [s]."""
         return self.time if self.depth_time is None else self.depth_time
 

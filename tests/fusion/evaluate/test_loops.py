@@ -12,7 +12,7 @@ from dsmap.fusion.config import MapConfig
 from dsmap.fusion.evaluate.loops import evaluate_loops
 from dsmap.fusion.labels.gravity import MapGravity
 from dsmap.fusion.lie import exp_se3, inverse
-from dsmap.fusion.runs.read_run import Run
+from dsmap.fusion.runs.read_run import SavedRun
 from dsmap.kernels.types import SurfelMap
 from dsmap.tools.support.score_tables import _loop_rows
 
@@ -31,10 +31,10 @@ class Reference:
         return true if self.posed and i != 5 else None
 
 
-def run_with(loops) -> Run:
+def run_with(loops) -> SavedRun:
     times = np.arange(FRAMES) / 10
     poses = np.stack([np.eye(4)] * FRAMES)  # the trajectory plays no part: a later loop may bend it
-    return Run(
+    return SavedRun(
         Path("RUN"),
         SurfelMap.empty("cpu", 1),
         MapConfig(),

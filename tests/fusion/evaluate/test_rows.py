@@ -56,7 +56,7 @@ def test_features_of_a_rolling_camera_lie_on_their_epipolar_lines():
 
 
 def test_the_motion_is_that_to_a_neighbour():
-    entries = [SimpleNamespace(taken=k / 30) for k in range(4)]
+    entries = [SimpleNamespace(pose_time=k / 30) for k in range(4)]
     reference: Any = SimpleNamespace(entries=entries)
     poses = {k: exp_se3(TWIST * k / 30) for k in (0, 1, 3)}
     for frame in (0, 1):

@@ -41,7 +41,7 @@ def _read(path: Path, _options: Options) -> Recording:
     )
     if trajectory is None:
         return recording
-    poses = poses_at(np.array([e.taken for e in recording.entries]), *_trajectory(trajectory), _APART_S)
+    poses = poses_at(np.array([e.pose_time for e in recording.entries]), *_trajectory(trajectory), _APART_S)
     missing = sum(T is None for T in poses)
     if missing:
         notes.append(f"{trajectory.name}: {missing} of {len(poses)} frames have no pose")

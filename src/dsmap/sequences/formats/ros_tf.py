@@ -59,7 +59,7 @@ class Frames:
         links = [self._links[name] for name in chain[: chain.index(world)]]
         if all(link.is_constant for link in links):
             return recording
-        times = np.array([entry.taken for entry in recording.entries])
+        times = np.array([entry.pose_time for entry in recording.entries])
         poses: list[np.ndarray | None] = [np.eye(4)] * len(times)
         for link in links:
             steps = _at(link, times)
