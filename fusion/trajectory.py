@@ -129,16 +129,16 @@ def at_colour_stamps(trajectory: Sequence[TrajectoryPoint]) -> np.ndarray:
     that side (at the ends: from the one before), unless one of the two is lost or more than 0.1 s away.
     """
     poses = poses_of(trajectory)
-    pose_time = np.array([p.pose_time for p in trajectory])
+    pose_times = np.array([p.pose_time for p in trajectory])
     out = poses.copy()
     for i, point in enumerate(trajectory):
-        later = point.time - pose_time[i]
+        later = point.time - pose_times[i]
         k = i + (1 if later > 0 else -1)
         k = k if 0 <= k < len(poses) else 2 * i - k
         if later == 0 or not 0 <= k < len(poses) or not (point.tracked and trajectory[k].tracked):
             continue
-        if 0 < abs(pose_time[k] - pose_time[i]) <= _MAX_GAP_S:
-            share = later / (pose_time[k] - pose_time[i])
+        if 0 < abs(pose_times[k] - pose_times[i]) <= _MAX_GAP_S:
+            share = later / (pose_times[k] - pose_times[i])
             spin = cv2.Rodrigues(poses[i, :3, :3].T @ poses[k, :3, :3])[0][:, 0]
             out[i, :3, :3] = poses[i, :3, :3] @ exp_so3(share * spin)
             out[i, :3, 3] += share * (poses[k, :3, 3] - poses[i, :3, 3])

@@ -82,7 +82,7 @@ def _claim(
         wp.atomic_min(keys, s.index, y * camera.width + x, make_key(value, i))
 
 
-def associate(
+def associate_surfels(
     surfels: SurfelMap,
     camera: Camera,
     T_world_camera: np.ndarray,

@@ -174,18 +174,7 @@ def rendered_curve(
         raise InputError(f"{rendered}: {len(recordings)} recordings, expected a folder of at least 4")
     order = np.random.default_rng(setting.pretrain.seed).permutation(len(recordings))
     recordings = [recordings[i] for i in order[: setting.recordings]]
-    train, val = Path(f"{nyu}@train"), Path(f"{nyu}@val")
-    net: NetConfig = DSNetConfig(classes=NUM_CLASSES)
-    runs, counts = [], {}
-    for fraction in FRACTIONS:
-        share = recordings[: round(fraction * len(recordings))]
-        name, before = f"nyu_after_{round(100 * fraction)}", f"rendered_{round(100 * fraction)}"
-        counts[name] = counts[before] = len(share)
-        init = out / before / "best.safetensors" if share else None
-        if share:
-            runs.append(TrainingRun(before, net, share, val, setting.pretrain, setting.augment))
-        runs.append(TrainingRun(name, net, [train], val, setting.finetune, setting.augment, init))
-    runs = [run for run in runs if run.name in setting.cells or not setting.cells]
+    runs, counts = _curve_runs(nyu, recordings, out, setting)
     cells = [training_cell(run, {"recordings": counts[run.name]}, where) for run in runs]
     table = run_cells(cells, out, report)
     text = write_table(
@@ -215,6 +204,24 @@ def rendered_curve(
     }
     write_json(out / "results.json", results)
     return {**results, "table": text}
+
+
+def _curve_runs(
+    nyu: Path, recordings: list[Path], out: Path, setting: CurveSetting
+) -> tuple[list[TrainingRun], dict[str, int]]:
+    """The trainings of every share, and how many recordings each has seen."""
+    train, val = Path(f"{nyu}@train"), Path(f"{nyu}@val")
+    net: NetConfig = DSNetConfig(classes=NUM_CLASSES)
+    runs, counts = [], {}
+    for fraction in FRACTIONS:
+        share = recordings[: round(fraction * len(recordings))]
+        name, before = f"nyu_after_{round(100 * fraction)}", f"rendered_{round(100 * fraction)}"
+        counts[name] = counts[before] = len(share)
+        init = out / before / "best.safetensors" if share else None
+        if share:
+            runs.append(TrainingRun(before, net, share, val, setting.pretrain, setting.augment))
+        runs.append(TrainingRun(name, net, [train], val, setting.finetune, setting.augment, init))
+    return [run for run in runs if run.name in setting.cells or not setting.cells], counts
 
 
 @dataclass(frozen=True)

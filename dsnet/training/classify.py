@@ -107,12 +107,16 @@ def train_classifier(
         history.append({"epoch": epoch + 1, "loss": loss, "accuracy": hits})
         bar.set_postfix({"loss": f"{loss:.3f}", "accuracy": f"{hits:.3f}"})
         _save(checkpoint, model, optimiser, progressed)
-    trained = len(history) * steps * config.batch
+    return _results(model, progressed, images_an_epoch=steps * config.batch)
+
+
+def _results(model: Classifier, progressed: dict, images_an_epoch: int) -> dict:
+    history, cpu_seconds = progressed["history"], progressed["cpu_seconds"]
     return {
         "accuracy": history[-1]["accuracy"],
         "parameters": sum(parameter.numel() for parameter in model.parameters()),
-        "images_per_s": trained / max(progressed["cpu_seconds"], 1e-9),
-        "cpu_seconds": progressed["cpu_seconds"],
+        "images_per_s": len(history) * images_an_epoch / max(cpu_seconds, 1e-9),
+        "cpu_seconds": cpu_seconds,
         "seconds": progressed["seconds"],
         "history": history,
     }

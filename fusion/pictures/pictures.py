@@ -11,7 +11,7 @@ import numpy as np
 from dsmap.classes import NUM_CLASSES, VOID, colourise
 from dsmap.frame import Frame, Intrinsics
 from dsmap.fusion.pictures import plots
-from dsmap.fusion.pictures.shading import BACKGROUND, paint, render
+from dsmap.fusion.pictures.shading import BACKGROUND, render, shaded_image
 from dsmap.fusion.pictures.viewpoint import View, level_axes, overview, up_direction
 from dsmap.kernels.types import SurfelMap
 from dsmap.metrics import align_se3, ate_rmse
@@ -66,7 +66,7 @@ class Overview:
 
     def picture(self, colours: np.ndarray, shading: float, path: np.ndarray | None = None) -> np.ndarray:
         """The overview in the given surfel colours, uint8 (N, 3), with the camera path (M, 3) drawn in."""
-        image = paint(self.rendering, colours, shading)
+        image = shaded_image(self.rendering, colours, shading)
         if path is not None and len(path) > 1:
             self._draw_path(image, path)
         return cv2.resize(image, self.size, interpolation=cv2.INTER_AREA)

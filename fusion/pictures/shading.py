@@ -52,7 +52,7 @@ def render(surfels: SurfelMap, view: View, min_weight: float = 0.0) -> Rendering
     return Rendering(index, depth, facing)
 
 
-def paint(rendering: Rendering, colours: np.ndarray, shading: float) -> np.ndarray:
+def shaded_image(rendering: Rendering, colours: np.ndarray, shading: float) -> np.ndarray:
     """An image of a rendering.
 
     Args:

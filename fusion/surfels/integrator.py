@@ -7,7 +7,7 @@ import warp as wp
 
 from dsmap.fusion.config import MapConfig
 from dsmap.fusion.surfels.views import Views
-from dsmap.kernels.associate import associate
+from dsmap.kernels.associate import associate_surfels
 from dsmap.kernels.compact import Compaction
 from dsmap.kernels.fuse import fuse_frame
 from dsmap.kernels.label import update_labels
@@ -19,7 +19,7 @@ from dsmap.kernels.types import FrameMaps
 class Integrator:
     """Changes the surfels of a map by one frame after the other, from poses that are known.
 
-    Call `associate`, `fuse`, `clean_up` and `label` in this order. `visible` is then the list of blocks that
+    Call `associate_surfels`, `fuse`, `clean_up` and `label` in this order. `visible` is then the list of blocks that
     the frame may see, with its new surfels.
 
     Args:
@@ -38,7 +38,7 @@ class Integrator:
         """Find the surfel, updated since frame `t_active`, that every pixel of the frame measures again."""
         surfels = self.config.surfels
         self.visible = self.views.visible(T_world_camera)
-        associate(
+        associate_surfels(
             self.views.surfels, self._camera, T_world_camera, maps.vertex, maps.normal, maps.edge,
             match=self._match, max_ray_distance=surfels.max_ray_distance,
             max_ray_distance_z2=surfels.ray_distance_z2, max_angle=surfels.max_angle, t_min=t_active,

@@ -17,7 +17,7 @@ from dsmap.fusion.pictures.pictures import (
     write_pictures,
     write_views,
 )
-from dsmap.fusion.pictures.shading import paint, render
+from dsmap.fusion.pictures.shading import render, shaded_image
 from dsmap.fusion.pictures.viewpoint import View, level_axes, overview, up_direction
 
 INTRINSICS = Intrinsics(160, 120, 130.0, 130.0, 79.5, 59.5)
@@ -85,9 +85,9 @@ def test_render_depth_and_paint():
     rendering = render(surfels, View(INTRINSICS, T))
     assert rendering.depth[60, 80] == pytest.approx(1.5, abs=1e-3)
     assert rendering.facing[60, 80] == pytest.approx(1, abs=0.02)
-    image = paint(rendering, PALETTE[surfels.numpy()["label"]], 0.0)
+    image = shaded_image(rendering, PALETTE[surfels.numpy()["label"]], 0.0)
     assert image[60, 80].tolist() == PALETTE[WALL].tolist()
-    assert (paint(rendering, PALETTE[surfels.numpy()["label"]], 1.0) <= image).all()
+    assert (shaded_image(rendering, PALETTE[surfels.numpy()["label"]], 1.0) <= image).all()
 
 
 def test_unstable_surfels_are_not_drawn():

@@ -7,7 +7,7 @@ import reference_map
 import warp as wp
 
 from dsmap.kernels import launch
-from dsmap.kernels.associate import associate
+from dsmap.kernels.associate import associate_surfels
 from dsmap.kernels.compact import compact
 from dsmap.kernels.fuse import fuse_frame
 from dsmap.kernels.index_map import render_index
@@ -33,7 +33,7 @@ def scene(seed: int):
 
 def matched(surfels, T, maps, **options) -> wp.array:
     match = new_match()
-    associate(surfels, CAMERA, T, maps.vertex, maps.normal, maps.edge, match=match, **options)
+    associate_surfels(surfels, CAMERA, T, maps.vertex, maps.normal, maps.edge, match=match, **options)
     return match
 
 
@@ -254,7 +254,7 @@ def test_the_number_of_threads_changes_nothing(monkeypatch):
             T, frame = random_scene.pose(0), random_scene.frame_arrays(time)
             T[:3, 3] += 0.01 * time
             maps = random_scene.frame_maps(frame)
-            associate(surfels, CAMERA, T, maps.vertex, maps.normal, maps.edge, match=match)
+            associate_surfels(surfels, CAMERA, T, maps.vertex, maps.normal, maps.edge, match=match)
             fuse_frame(surfels, CAMERA, T, maps, match, time=time)
             prune(surfels, CAMERA, T, maps.depth, maps.edge, match, time=time)
             compact(surfels)
