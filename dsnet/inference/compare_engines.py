@@ -25,7 +25,7 @@ from dsmap.dsnet.networks.dsnet import DSNet, fold_batch_norms, to_input
 
 Sample = tuple[np.ndarray, ...]
 """An image, uint8 (1, H, W, 3), and for RGB-D networks its geometry, float32 (1, H, W, 4)."""
-Run = Callable[[Sample], np.ndarray]
+Runner = Callable[[Sample], np.ndarray]
 """A sample to probabilities, float32 (H / 2, W / 2, classes)."""
 RIVAL = "dsnet, ONNX Runtime"
 """The paper's network beside another one, as fast as it goes; its answers are not compared."""
@@ -153,7 +153,7 @@ def _serve(
 
 def contenders(
     model: nn.Module, info: WeightsInfo, samples: Sequence[Sample]
-) -> dict[str, Callable[[], Run]]:
+) -> dict[str, Callable[[], Runner]]:
     """Name to what builds it; building may fail where a package is missing."""
     height, width = samples[0][0].shape[1:3]
     last = torch.channels_last
@@ -167,7 +167,7 @@ def contenders(
     def graph(unpool: Unpool) -> bytes:
         return build_onnx(model, info, (width, height), unpool=unpool).SerializeToString()
 
-    found: dict[str, Callable[[], Run]] = {
+    found: dict[str, Callable[[], Runner]] = {
         REFERENCE: lambda: _torch(plain().to(memory_format=last), info),  # type: ignore[call-overload]
         "torch contiguous fp32": lambda: _torch(plain(), info, layout=torch.contiguous_format),
         REFERENCE + MEMORY_KEPT: lambda: _torch(plain().to(memory_format=last), info),  # type: ignore[call-overload]
@@ -227,7 +227,7 @@ def _compare(
             result.beyond += float((difference > TOLERANCE).mean()) / len(samples)
 
 
-def _time(run: Run, sample: Sample, repeats: int) -> float:
+def _time(run: Runner, sample: Sample, repeats: int) -> float:
     """Median milliseconds, after two calls that warm the caches."""
     for _ in range(2):
         run(sample)
@@ -244,7 +244,7 @@ def _torch(
     info: WeightsInfo,
     dtype: torch.dtype = torch.float32,
     layout: torch.memory_format = torch.channels_last,
-) -> Run:
+) -> Runner:
     offset = torch.from_numpy(info.offset())[:, None, None]
 
     @torch.inference_mode()
@@ -263,7 +263,7 @@ def _compiled(model: nn.Module) -> Any:
     return torch.compile(model, dynamic=False)
 
 
-def _onnx(graph: bytes) -> Run:
+def _onnx(graph: bytes) -> Runner:
     session = onnx_session(graph)
     return lambda sample: session.run(None, _named(sample))[0][0]
 
@@ -295,7 +295,7 @@ def _quantised(graph: bytes, samples: Sequence[Sample]) -> bytes:
         return target.read_bytes()
 
 
-def _openvino(graph: bytes, precision: str) -> Run:
+def _openvino(graph: bytes, precision: str) -> Runner:
     import openvino
 
     core = openvino.Core()

@@ -44,7 +44,10 @@ class RunState:
 
 
 def map_recording(
-    state: RunState, sequence: Sequence, checkpoint_every: int = 0, asked_to_stop: Callable[[], int] | None = None
+    state: RunState,
+    sequence: Sequence,
+    checkpoint_every: int = 0,
+    asked_to_stop: Callable[[], int] | None = None,
 ) -> int:
     """Map the frames that are not done yet; returns the signal that stopped it (Ctrl-C, SIGTERM, SIGHUP), or 0.
 

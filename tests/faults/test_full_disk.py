@@ -82,13 +82,13 @@ def test_a_failed_checkpoint_is_warned_of_and_mapping_goes_on(tmp_path):
     sequence = open_sequence(record(tmp_path / "room"), stop=4)
     tried = []
 
-    def save(state: map_recording.Run) -> None:
+    def save(state: map_recording.RunState) -> None:
         tried.append(state.done)
         raise WriteError("cannot write it: No space left on device")
 
-    state = map_recording.Run(Mapper(config(), sequence.intrinsics), save)
+    state = map_recording.RunState(Mapper(config(), sequence.intrinsics), save)
     with pytest.warns(InputWarning, match="no checkpoint after frame 2 .*No space left.*goes on"):
-        assert map_recording.run(state, sequence, checkpoint_every=2) == 0
+        assert map_recording.map_recording(state, sequence, checkpoint_every=2) == 0
     assert tried == [2] and state.done == 4 and state.mapper.tracked_frames == 4
 
 
