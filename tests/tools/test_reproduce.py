@@ -100,7 +100,7 @@ def test_what_is_missing_is_said(tmp_path, capsys):
     ("changes", "message"),
     [
         ({"colour": 1}, "unknown parameter 'colour'"),
-        ({"figures": []}, "toy: no figures"),
+        ({"figures": []}, "'toy': no figures"),
         ({"figures": [{"stated": "much"}]}, "stated is 'much'; expected a number"),
         ({"commands": "map"}, "commands is 'map'; expected a list"),
         ({"needs": ["a"]}, "expected names with values"),
