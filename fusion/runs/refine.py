@@ -14,7 +14,7 @@ from dsmap.fusion.objects.segments import segment_map, set_segments
 from dsmap.fusion.objects.things import SceneObjects, find_objects
 from dsmap.fusion.runs.checkpoint import rewrite_map
 from dsmap.fusion.runs.ply import read_ply, up_of_ply, write_ply
-from dsmap.fusion.runs.read_run import Run
+from dsmap.fusion.runs.read_run import SavedRun
 from dsmap.fusion.runs.run_folder import CHECKPOINT
 from dsmap.gravity import estimate_up
 from dsmap.kernels.label import posterior
@@ -37,7 +37,7 @@ def by_segments(config: SegmentConfig) -> Refined:
     return refine
 
 
-def refine_run(run: Run, out: Path, refine: Refined, settings: dict) -> SceneObjects:
+def refine_run(run: SavedRun, out: Path, refine: Refined, settings: dict) -> SceneObjects:
     """Write `out`: the run with refined labels, segments, objects.json and scene_graph.json.
 
     Args:
@@ -67,7 +67,7 @@ def refine_run(run: Run, out: Path, refine: Refined, settings: dict) -> SceneObj
     return scene
 
 
-def up_of_run(run: Run) -> np.ndarray:
+def up_of_run(run: SavedRun) -> np.ndarray:
     """Which way is up in the world's frame, shape (3,): as map.ply says, else by normals and poses."""
     if (run.path / "map.ply").is_file() and (up := up_of_ply(run.path / "map.ply")) is not None:
         return up
