@@ -40,6 +40,8 @@ CASES = {
     "scannet-sens": Case("scannet-sens", formats.write_sens, jpeg=True),
     "scannet": Case("scannet", formats.write_scannet, jpeg=True, begin=0.0),
     "replica": Case("replica", formats.write_replica, jpeg=True, units=6553.5, begin=0.0),
+    "replica-nerf": Case("replica", formats.write_replica_of_nerf, begin=0.0),
+    "eth3d": Case("tum", formats.write_eth3d, units=5000.0),
     "icl-nuim": Case("icl-nuim", formats.write_icl, units=5000.0, begin=0.0, camera=ICL_CAMERA),
     "sun3d": Case("sun3d", formats.write_sun3d, jpeg=True, begin=0.0),
     "bundlefusion": Case("bundlefusion", formats.write_bundlefusion, jpeg=True, begin=0.0),

@@ -82,6 +82,22 @@ def write_replica(path: Path, shots: list[Shot]) -> Path:
     return scene
 
 
+def write_replica_of_nerf(path: Path, shots: list[Shot]) -> Path:
+    """As rendered for Semantic-NeRF."""
+    for name in ("rgb", "depth"):
+        (path / name).mkdir()
+    for k, s in enumerate(shots):
+        (path / f"rgb/rgb_{k}.png").write_bytes(s.png)
+        (path / f"depth/depth_{k}.png").write_bytes(png16(s.millimetres))
+    (path / "traj_w_c.txt").write_text(
+        "".join(" ".join(f"{v:.18e}" for v in s.T_world_camera.ravel()) + "\n" for s in shots)
+    )
+    c = CAMERA
+    camera = {"w": c.width, "h": c.height, "fx": c.fx, "fy": c.fy, "cx": c.cx, "cy": c.cy, "scale": 1000.0}
+    (path / "cam_params.json").write_text(json.dumps({"camera": camera}))
+    return path
+
+
 def write_icl(path: Path, shots: list[Shot]) -> Path:
     """The TUM-compatible folders; the ground truth has mirrored axes and begins at frame 1."""
     mirror = np.diag([1.0, -1.0, 1.0, 1.0])

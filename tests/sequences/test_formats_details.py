@@ -163,6 +163,66 @@ def test_two_clocks_are_paired_by_when_images_were_recorded(tmp_path: Path):
     assert np.array_equal(sequence.frame(5).depth, SHOTS[5].millimetres * np.float32(0.001))
 
 
+OPTICAL = np.array([[0, 0, 1, 0.1], [-1, 0, 0, 0], [0, -1, 0, 0.2], [0, 0, 0, 1.0]])
+"""T_base_camera."""
+
+
+def pose_message(bag: ros.BagWriter, T: np.ndarray):
+    t = bag.transform(T)
+    place = bag.make("geometry_msgs/msg/Point", x=t.translation.x, y=t.translation.y, z=t.translation.z)
+    return bag.make("geometry_msgs/msg/Pose", position=place, orientation=t.rotation)
+
+
+def write_poses(bag: ros.BagWriter, kind: str, every: list) -> None:
+    """Poses of frame base where they are odometry, else of the camera."""
+    stamped = []
+    for s in every:
+        T = s.T_world_camera
+        pose = pose_message(bag, T @ np.linalg.inv(OPTICAL) if kind == "Odometry" else T)
+        header = bag.header(s.time, "odom")
+        if kind == "Odometry":
+            zero = bag.make("geometry_msgs/msg/Vector3", x=0.0, y=0.0, z=0.0)
+            twist = bag.make(
+                "geometry_msgs/msg/TwistWithCovariance",
+                twist=bag.make("geometry_msgs/msg/Twist", linear=zero, angular=zero), covariance=np.zeros(36),
+            )  # fmt: skip
+            with_covariance = bag.make(
+                "geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=np.zeros(36)
+            )
+            message = bag.make(
+                "nav_msgs/msg/Odometry",
+                header=header,
+                child_frame_id="base",
+                pose=with_covariance,
+                twist=twist,
+            )
+            bag.write("/odom", message, s.time)
+            continue
+        stamped.append(bag.make("geometry_msgs/msg/PoseStamped", header=header, pose=pose))
+        if kind == "PoseStamped":
+            bag.write("/vio/pose", stamped[-1], s.time)
+        else:
+            path = bag.make("nav_msgs/msg/Path", header=header, poses=list(stamped))
+            bag.write("/slam/path", path, s.time)
+
+
+@pytest.mark.parametrize("store", ["ros1", "mcap"])
+@pytest.mark.parametrize("kind", ["Odometry", "PoseStamped", "Path"])
+def test_poses_of_messages_of_their_own(kind: str, store: str, tmp_path: Path):
+    path = tmp_path / ("a.bag" if store == "ros1" else "a")
+    with ros.BagWriter(path, store) as bag:
+        bag.tf("/tf_static", START - 0.1, [("base", "camera", OPTICAL)])
+        for s in SHOTS:
+            bag.camera_info("/camera/camera_info", s.time, "camera", CAMERA)
+            bag.image("/camera/rgb/image", s.time, "camera", s.rgb, "rgb8")
+            bag.image("/camera/depth/image", s.time, "camera", s.millimetres, "16UC1")
+        write_poses(bag, kind, SHOTS)
+    sequence = open_sequence(path)
+    for frame, s in zip(sequence, SHOTS, strict=True):
+        assert frame.T_world_camera == pytest.approx(s.T_world_camera, abs=2e-6)
+    assert any(note.startswith("assumed: poses of") for note in sequence.notes) == (kind != "Odometry")
+
+
 def test_rtabmap_cameras_in_plain_yaml(tmp_path: Path):
     path = formats.write_rtabmap(tmp_path, SHOTS)
     K = ", ".join(f"{v:.9g}" for v in CAMERA.K.ravel())

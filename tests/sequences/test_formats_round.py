@@ -58,6 +58,9 @@ def trajectory(sequence: Sequence) -> np.ndarray:
 def test_one_reader_knows_a_recording_as_its_own(name: str, tmp_path: Path):
     path = written(CASES[name], tmp_path / "recording")
     own = [r.name for r in READERS if r.detect(path)]
+    if CASES[name].reader == "tum":  # the plain layout, to which no reader may lay claim
+        assert not own
+        return
     assert own[0] == CASES[name].reader
     assert own in ([CASES[name].reader], ["realsense", "ros"])  # RealSense's bags are bags
 

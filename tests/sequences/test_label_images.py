@@ -9,6 +9,7 @@ from sequence_files import write_tum
 from dsmap.classes import CLASS_NAMES, NYU40_TO_13
 from dsmap.errors import InputError, InputWarning
 from dsmap.sequences import Sequence, open_sequence
+from dsmap.sequences.label_check import check_all_labels
 
 IDS = (np.arange(48)[:, None] // 4 % 13 + 1 + np.zeros((1, 64), int)).astype(np.uint8)
 COLOURS = np.random.default_rng(3).integers(0, 255, (256, 3), dtype=np.uint8)
@@ -93,6 +94,14 @@ def test_a_foreign_id_that_no_sample_shows_is_warned_of(tmp_path):
     with pytest.warns(InputWarning, match="frame 2 has no labels: .*found the ids 21"):
         frames = list(sequence)
     assert len(frames) == 6 and frames[2].label is None and frames[3].label is not None
+
+
+def test_labels_that_are_to_be_fused_are_all_looked_into(tmp_path):
+    folder = recording(tmp_path / "r", save(IDS))
+    check_all_labels(sequence := open_sequence(folder))
+    cv2.imwrite(str(sorted((folder / "label").iterdir())[4]), IDS + 20)
+    with pytest.raises(InputError, match="found the ids 21, 22"):
+        check_all_labels(sequence)
 
 
 def test_labels_of_another_size_are_brought_to_the_images(tmp_path):

@@ -1,14 +1,18 @@
 """Poses in the conventions of other programs: recognised by the depth of a rendered room, named, and read."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from dsmap.errors import InputError
+from dsmap.errors import InputError, InputWarning
 from dsmap.frame import Intrinsics
+from dsmap.fusion.config import MapConfig
 from dsmap.sequences import SequenceWriter, open_sequence
 from dsmap.sequences.pose_conventions import conventions, fit_poses, parse_convention, with_convention
 from dsmap.tools.cli import run
+from dsmap.tools.mapping.checks import check_recording
 
 CAMERA = Intrinsics(96, 72, 80.0, 80.0, 47.5, 35.5)
 _AXES = {
@@ -119,3 +123,15 @@ def test_map_names_the_convention_and_reads_it(tmp_path, capsys):
     np.testing.assert_allclose(rows[:, 1:4], [true_pose(i)[:3, 3] for i in range(12)], atol=1e-3)
     assert run("info", [str(folder)]) == 0
     assert "warning: " in (said := capsys.readouterr().out) and "--pose-convention world-to-camera" in said
+
+
+def test_a_wrong_convention_is_said_where_poses_are_only_to_compare_with(tmp_path):
+    folder = write_room(tmp_path / "s", ("world-to-camera",))
+    args = SimpleNamespace(
+        path=folder,
+        map=SimpleNamespace(poses="track"),
+        pose_convention=None,
+        spec=SimpleNamespace(kind="none"),
+    )
+    with pytest.warns(InputWarning, match="expected --pose-convention world-to-camera"):
+        check_recording(args, open_sequence(folder), MapConfig())

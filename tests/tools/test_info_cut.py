@@ -1,10 +1,12 @@
 """`dsmap info` and `dsmap cut`."""
 
+import cv2
 import numpy as np
 import pytest
 from conftest import shared_data
 from sequence_files import CAMERA, colour, depth, pose, write_redwood, write_seven_scenes, write_tum
 
+from dsmap.classes import NYU40_TO_13
 from dsmap.sequences import SequenceWriter, open_sequence
 from dsmap.sequences.mesh import LabelledMesh, write_mesh
 from dsmap.tools.cli import run
@@ -69,6 +71,31 @@ def test_other_layouts_are_cut_into_tum_sequences(tmp_path, write):
     assert cut.calibration.intrinsics == open_sequence(source).calibration.intrinsics
     np.testing.assert_array_equal(cut.frame(4).depth, open_sequence(source).frame(4).depth)
     np.testing.assert_allclose(cut.T_world_camera(4), pose(4), atol=1e-6)
+
+
+def test_a_cut_of_labels_of_another_set_holds_the_13_classes_or_none(tmp_path, capsys):
+    source = write_tum(tmp_path / "s", labels=True)
+    for k, file in enumerate(sorted((source / "label").iterdir())):
+        cv2.imwrite(str(file), np.full((48, 64), 20 + k, np.uint8))
+    assert run("cut", [str(source), str(tmp_path / "a"), "--label-map", "nyu40"]) == 0
+    cut = open_sequence(tmp_path / "a")
+    assert [int(frame.label[0, 0]) for frame in cut] == [int(NYU40_TO_13[20 + k]) for k in range(6)]
+    assert run("cut", [str(source), str(tmp_path / "b")]) == 0
+    assert "note: labels are not used: found the ids 20" in capsys.readouterr().out
+    assert not (tmp_path / "b" / "label").exists() and not (tmp_path / "b" / "classes.json").exists()
+
+
+def test_a_cut_of_images_of_one_stamp_keeps_them_apart(tmp_path):
+    source = write_tum(tmp_path / "s")
+    for name in ("rgb", "depth"):
+        lines = (source / f"{name}.txt").read_text().splitlines()
+        rows = [f"0.000000 {line.split()[1]}" for line in lines if not line.startswith("#")]
+        (source / f"{name}.txt").write_text("\n".join(rows))
+    whole = open_sequence(source)
+    assert any("5 of 6 stamps are that of the image before" in note for note in whole.notes)
+    assert run("cut", [str(source), str(tmp_path / "c")]) == 0
+    for a, b in zip(whole, open_sequence(tmp_path / "c"), strict=True):
+        assert np.array_equal(a.rgb, b.rgb) and np.array_equal(a.depth, b.depth)
 
 
 def test_cuts_that_cannot_be_made(tmp_path, capsys):

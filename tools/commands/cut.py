@@ -24,14 +24,22 @@ class Args:
     """fx,fy,cx,cy of the recording's images [px]; before calibration.yaml and known defaults."""
     depth_scale: float | None = None
     """Stored depth units per metre, e.g. 1000 or 5000."""
+    label_map: str | None = None
+    """Which classes the recording's label images hold, if not the 13: nyu40, scannet, or a file of ids, names or
+    colours (docs/guide/labels.md); the 13 are written."""
 
 
 def main(args: Args) -> None:
     """Cut and say what was written."""
     sequence = open_sequence(
-        args.source, intrinsics=parse_intrinsics(args.intrinsics), depth_scale=args.depth_scale
+        args.source,
+        intrinsics=parse_intrinsics(args.intrinsics),
+        depth_scale=args.depth_scale,
+        label_map=args.label_map,
     )
     result = cut_sequence(sequence, args.destination, start_s=args.start, seconds=args.seconds)
     written = ", ".join(f"{count} {name}" for name, count in result.counts.items() if count)
     print(f"{args.destination}: {written}, from stamp {result.begin:.6f}")
     print(f"calibration.yaml written from: {sequence.intrinsics_source}")
+    if sequence.recording.labels_unused:
+        print(f"note: {sequence.recording.labels_unused}")

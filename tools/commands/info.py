@@ -12,6 +12,7 @@ from dsmap.sequences.associate import gaps
 from dsmap.sequences.formats.protocol import Options
 from dsmap.sequences.pose_conventions import fit_poses
 from dsmap.tools.support.depth_check import depth_warnings, sample_depth
+from dsmap.tools.support.mirror_check import mirror_warnings
 from dsmap.tools.support.parse import parse_intrinsics
 
 
@@ -43,7 +44,8 @@ def main(args: Args) -> None:
     width = max(len(name) for name, _ in rows)
     for name, text in rows:
         print(f"{name:<{width}}  {text}")
-    for warning in [*sequence.notes, *depth_warnings(depth), *_pose_warnings(sequence)]:
+    found = [*depth_warnings(depth), *mirror_warnings(sequence), *_pose_warnings(sequence)]
+    for warning in [*sequence.notes, *found]:
         print(f"warning: {warning}")
 
 

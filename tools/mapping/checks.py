@@ -7,9 +7,11 @@ from dsmap.errors import InputError, InputWarning
 from dsmap.fusion.config import MapConfig
 from dsmap.fusion.runs.map_recording import RunState
 from dsmap.sequences import Sequence
+from dsmap.sequences.label_check import check_all_labels
 from dsmap.sequences.pose_conventions import fit_poses
 from dsmap.tools.mapping.options import Args
 from dsmap.tools.support.depth_check import depth_warnings, sample_depth
+from dsmap.tools.support.mirror_check import mirror_warnings
 
 NO_MAP = 1
 """Exit code of a run that mapped nothing."""
@@ -32,12 +34,15 @@ def check_recording(args: Args, sequence: Sequence, config: MapConfig) -> None:
     """Warn of what will probably go wrong.
 
     Raises:
-        InputError: poses are to be taken as given and are clearly in another convention.
+        InputError: poses are to be taken as given and are clearly in another convention, or labels that are to be
+            fused are of another set.
     """
-    for text in depth_warnings(sample_depth(sequence), config.depth_range):
+    for text in [*depth_warnings(sample_depth(sequence), config.depth_range), *mirror_warnings(sequence)]:
         warnings.warn(text, InputWarning, stacklevel=2)
-    if args.map.poses == "given":
+    if sequence.has_poses:
         _check_poses(args, sequence)
+    if args.spec.kind == "labels":
+        check_all_labels(sequence)
 
 
 def without_partner(sequence: Sequence) -> str:
@@ -77,6 +82,10 @@ def _first_lost(state: RunState, sequence: Sequence) -> tuple[int, str]:
 def _check_poses(args: Args, sequence: Sequence) -> None:
     fit = fit_poses(sequence)
     if fit is None:
+        return
+    if args.map.poses == "track":  # nothing follows from them but what `evaluate` will say
+        if fit.is_other and args.pose_convention is None:
+            warnings.warn(fit.sentence(args.path), InputWarning, stacklevel=2)
         return
     if fit.is_other and args.pose_convention is None:
         raise InputError(fit.sentence(args.path))

@@ -1,7 +1,9 @@
 """Cutting a stretch out of a recording, without touching the images."""
 
 import shutil
+from collections import Counter
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -34,8 +36,9 @@ class CutResult:
 def cut_sequence(sequence: Sequence, destination: Path | str, *, start_s: float, seconds: float) -> CutResult:
     """Copy a stretch of a recording into a new sequence in the TUM layout.
 
-    Image files are copied as they are. From a TUM recording all lists are cut to the stretch, with the
-    images that have no partner and the poses of one second around it; other layouts give their pairs.
+    Image files are copied as they are, labels of another set become the 13 classes, or are left out where it is not
+    known. From a TUM recording all lists are cut to the stretch, with the images that have no partner and the poses
+    of one second around it; other layouts give their pairs.
 
     Args:
         sequence: the recording, opened whole.
@@ -69,9 +72,7 @@ def cut_sequence(sequence: Sequence, destination: Path | str, *, start_s: float,
         )
     kept = [(t, pose) for t, pose in poses if begin - _POSE_MARGIN_S <= t < begin + seconds + _POSE_MARGIN_S]
     write_calibration(destination, sequence.calibration)
-    lines = {
-        name: [_copy(destination, name, t, file) for t, file in rows] for name, rows in chosen.items() if rows
-    }
+    lines = {name: _copied(destination, name, rows) for name, rows in chosen.items() if rows}
     lines["groundtruth"] = [f"{t:.6f} " + " ".join(f"{v:.7f}" for v in pose) for t, pose in kept]
     for name, rows in lines.items():
         if rows:
@@ -91,7 +92,7 @@ Poses = list[tuple[float, np.ndarray]]
 def _tum_content(sequence: Sequence) -> tuple[dict[str, Rows], Poses, float]:
     folder = sequence.path
     images: dict[str, Rows] = {}
-    for name in ("rgb", "depth", "label", "instance"):
+    for name in ("rgb", "depth", "instance"):
         if (folder / f"{name}.txt").exists():
             found = read_image_list(folder / f"{name}.txt", [])
             images[name] = list(zip(found.times.tolist(), found.files, strict=True))
@@ -99,27 +100,52 @@ def _tum_content(sequence: Sequence) -> tuple[dict[str, Rows], Poses, float]:
     if (folder / "groundtruth.txt").exists():
         pose_times, vectors = read_poses(folder / "groundtruth.txt", [])
         poses = list(zip(pose_times.tolist(), vectors, strict=True))
+    images["label"] = _labels(sequence)
     return images, poses, images["rgb"][0][0]
 
 
 def _pair_content(sequence: Sequence) -> tuple[dict[str, Rows], Poses, float]:
     entries = sequence.entries
-    images = {"rgb": [(e.time, e.rgb) for e in entries], "depth": [(e.time, e.depth) for e in entries]}
+    images: dict[str, Rows] = {
+        "rgb": [(e.time, e.rgb) for e in entries],
+        "depth": [(e.time, e.depth) for e in entries],
+        "label": _labels(sequence),
+    }
     poses = [(e.time, pose_vector(e.T_world_camera)) for e in entries if e.T_world_camera is not None]
     return images, poses, entries[0].time
 
 
-def _copy(destination: Path, name: str, time: float, source: Source) -> str:
-    """Copy one image and return its line of the list."""
+def _labels(sequence: Sequence) -> Rows:
+    """Label images of the frames: files of the 13 classes as they are, those of another set as these classes."""
+    labelled = [(e.time, e.label) for e in sequence.entries if e.label is not None]
+    if sequence.recording.label_map.name is None:
+        return [(t, label) for t, label in labelled]
+    read = sequence.recording.label_map.read
+    return [(t, Packed(sequence.path, str(label), partial(read, label))) for t, label in labelled]
+
+
+def _copied(destination: Path, name: str, rows: Rows) -> list[str]:
+    """Copy the images of one kind and return the lines of their list."""
+    lines: list[str] = []
+    taken: Counter[str] = Counter()
+    for time, source in rows:
+        stamp = f"{time:.6f}"
+        stem = f"{stamp}_{taken[stamp]}" if taken[stamp] else stamp  # several images may have one stamp
+        taken[stamp] += 1
+        lines.append(f"{stamp} {_copy(destination, f'{name}/{stem}', source)}")
+    return lines
+
+
+def _copy(destination: Path, stem: str, source: Source) -> str:
+    """Copy one image and return its name in the new sequence."""
     if isinstance(source, Packed):
         suffix, data = encoded(source)
-        relative = f"{name}/{time:.6f}{suffix}"
-        with atomic_path(destination / relative) as path:
+        with atomic_path(destination / f"{stem}{suffix}") as path:
             path.write_bytes(data)
-        return f"{time:.6f} {relative}"
-    relative = f"{name}/{time:.6f}{source.suffix.lower()}"
+        return f"{stem}{suffix}"
+    suffix = source.suffix.lower()
     if not source.is_file():
         raise InputError(f"{source}: no such file, expected the image that a list names")
-    with atomic_path(destination / relative) as path:
+    with atomic_path(destination / f"{stem}{suffix}") as path:
         shutil.copyfile(source, path)
-    return f"{time:.6f} {relative}"
+    return f"{stem}{suffix}"

@@ -8,10 +8,10 @@ import numpy as np
 from dsmap.errors import InputError
 from dsmap.frame import Intrinsics
 from dsmap.reading import is_file
-from dsmap.sequences.base import Entry, Recording
+from dsmap.sequences.base import Entry, Recording, Sequence
 from dsmap.sequences.label_images import HINT, ForeignLabels, LabelMap, fit, listed
 
-_SAMPLES = 12
+_SAMPLES = 40
 """Label images looked into, spread over the recording: a foreign set shows in a few."""
 
 
@@ -40,6 +40,23 @@ def settle_labels(recording: Recording, label_map: LabelMap, camera: Intrinsics)
     recording.entries = [
         replace(entry, label=None) if k in dropped else entry for k, entry in enumerate(recording.entries)
     ]
+
+
+def check_all_labels(sequence: Sequence) -> None:
+    """Look into every label image: a foreign id may show late, and the ids before it then mean something else.
+
+    Raises:
+        InputError: one is of another label set; names it and its ids.
+    """
+    for i in sequence.labelled():
+        source = sequence.entries[i].label
+        assert source is not None  # `labelled` says so
+        try:
+            sequence.recording.label_map.read(source)
+        except ForeignLabels:
+            raise
+        except InputError:  # a damaged image is left out and said when its frame comes
+            continue
 
 
 def _objection(recording: Recording, present: list[int], camera: Intrinsics) -> str | None:

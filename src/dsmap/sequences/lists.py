@@ -18,6 +18,8 @@ _STAMP = r"([-+]?[\d.]+(?:[eE][-+]?\d+)?)"
 _COLUMN = re.compile(rf"{_STAMP}{_GAP}")
 _LOOKED_AT = 20
 """Lines of a list from which its arrangement is told."""
+_MANY_ALIKE = 0.1
+"""Share of equal stamps from which it is said."""
 _HEADINGS = 3
 """Lines before the first of a list that may say something else."""
 
@@ -216,4 +218,10 @@ def _image_list(path: Path, words: list[str], files: list[Path], notes: list[str
         notes.append(f"{path.name}: its stamps are read as {unit.name}{rate}")
     times = unit.times(words)
     order = in_order_of_time(path, times, notes)
+    same = int((np.diff(times[order]) == 0).sum())
+    if same > _MANY_ALIKE * len(times):
+        notes.append(
+            f"{path.name}: {same} of {len(times)} stamps are that of the image before; such images are taken in the "
+            "order of the list"
+        )
     return ImageList(times[order], [files[i] for i in order], unit, [words[i] for i in order])

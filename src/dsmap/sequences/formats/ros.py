@@ -15,6 +15,7 @@ from dsmap.sequences.formats.bag import Bag, Stamp, Topic, is_bag
 from dsmap.sequences.formats.parts import Stamped, recording_by_stamp, same_size, two_cameras
 from dsmap.sequences.formats.protocol import Options, Reader
 from dsmap.sequences.formats.ros_image import depth_units, kind, pixels
+from dsmap.sequences.formats.ros_poses import with_pose_topic
 from dsmap.sequences.formats.ros_tf import Frames
 from dsmap.sequences.images import Packed
 
@@ -44,7 +45,10 @@ def _read(path: Path, options: Options) -> Recording:
     calibration = _calibration(bag, colour, depth, frames, notes)
     recording = read_streams("ros", bag, colour, depth, calibration, notes)
     frame_id = colour.frame_id if calibration is None or calibration.color_camera is None else depth.frame_id
-    return frames.with_poses(recording, frame_id)
+    recording = frames.with_poses(recording, frame_id)
+    if any(entry.T_world_camera is not None for entry in recording.entries):
+        return recording
+    return with_pose_topic(bag, frames, recording, frame_id.lstrip("/"))
 
 
 READER = Reader("ros", is_bag, _read)
