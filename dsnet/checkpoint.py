@@ -5,15 +5,19 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import numpy as np
-import safetensors
 import torch
+from safetensors import SafetensorError, safe_open
 from torch import Tensor, nn
 
 from dsmap.classes import CLASS_NAMES
+from dsmap.config_file import fill
 from dsmap.dsnet.config import DeconvNetConfig, DSNetConfig, DSNetPConfig, NetConfig
 from dsmap.dsnet.networks.build import build_network
 from dsmap.errors import InputError
 from dsmap.files import as_read_back
+from dsmap.plain import brief, parse_json
+from dsmap.reading import reading
+from dsmap.sealed import read_words
 from dsmap.tensor_files import write_tensors
 
 SHIPPED = {name: Path(__file__).parent / "weights" / f"{name}.safetensors" for name in ("dsnet-p", "dsnet")}
@@ -21,8 +25,12 @@ SHIPPED = {name: Path(__file__).parent / "weights" / f"{name}.safetensors" for n
 DEFAULT = "dsnet-p"
 REPLACED = {"dsnet-l": "dsnet-p", "dsnet-photos": "dsnet", "dsnet-l-photos": "dsnet-p"}
 """Names of earlier versions and what took their place."""
-WEIGHTS_FORMAT = "dsmap.dsnet"
-TRAINING_FORMAT = "dsmap.dsnet.training"
+_SEALED = "/2"
+"""Ends the names of formats with a checksum; those without are older."""
+WEIGHTS_FORMAT = f"dsmap.dsnet{_SEALED}"
+TRAINING_FORMAT = f"dsmap.dsnet.training{_SEALED}"
+_MAX_SIDE = 4096
+"""Of a network's working size [px]."""
 _KINDS: dict[str, type] = {
     "dsnet": DSNetConfig,
     "dsnet-p": DSNetPConfig,
@@ -85,17 +93,15 @@ def load_tensors(path: Path, file_format: str) -> tuple[dict[str, Tensor], dict]
     """
     if not path.is_file():
         raise InputError(f"{path}: no such file, expected a {file_format} safetensors file")
-    try:
-        with safetensors.safe_open(path, framework="pt") as file:
-            metadata = file.metadata() or {}
-            if metadata.get("format") != file_format:
-                found = metadata.get("format", "none")
-                raise InputError(f"{path}: format marker is {found!r}, expected {file_format!r}")
-            header = json.loads(metadata["header"])
-            # A copy of the mapped file: the training loop rewrites its own checkpoint.
-            return {name: file.get_tensor(name).clone() for name in file.keys()}, header  # noqa: SIM118
-    except (safetensors.SafetensorError, KeyError, ValueError) as error:
-        raise InputError(f"{path}: not a readable safetensors file of {file_format} ({error})") from error
+    expected = f"a readable safetensors file of {file_format}"
+    formats = (file_format, file_format.removesuffix(_SEALED))
+    words = read_words(path, expected, formats, is_trusted=path in SHIPPED.values())
+    header = parse_json(words.get("header", ""), f"{path}: unknown header", expected)
+    if not isinstance(header, dict):
+        raise InputError(f"{path}: unknown header {brief(header)}, expected {expected}")
+    with reading(path, expected, SafetensorError), safe_open(path, framework="pt") as file:
+        # A copy of the mapped file: the training loop rewrites its own checkpoint.
+        return {name: file.get_tensor(name).clone() for name in file.keys()}, header  # noqa: SIM118
 
 
 def save_weights(path: Path, model: nn.Module, info: WeightsInfo) -> None:
@@ -124,32 +130,63 @@ def load_weights(
     if not path.is_file():
         path = SHIPPED.get(str(path), path)
     tensors, header = load_tensors(path, WEIGHTS_FORMAT)
-    try:
+    info = _info(path, header)
+    if class_names is not None and info.class_names != class_names:
+        raise InputError(f"{path}: classes are {list(info.class_names)}, expected {list(class_names)}")
+    odd = next((name for name, tensor in tensors.items() if not torch.isfinite(tensor).all()), None)
+    if odd is not None:
+        raise InputError(f"{path}: {odd} holds numbers that are none, expected finite weights")
+    with torch.device("meta"):  # costs no memory: sizes are compared before any is asked for
+        shapes = {name: tuple(tensor.shape) for name, tensor in build_network(info.config).state_dict().items()}
+    found = {name: tuple(tensor.shape) for name, tensor in tensors.items()}
+    if found != shapes:
+        name = min(name for name in found.keys() | shapes.keys() if found.get(name) != shapes.get(name))
+        raise InputError(
+            f"{path}: tensors do not fit the network it describes ({name} is {found.get(name)}), expected "
+            f"{shapes.get(name)}"
+        )
+    model = build_network(info.config)
+    load_state(model, tensors, path)
+    return model.eval(), info
+
+
+def _info(path: Path, header: dict) -> WeightsInfo:
+    """What a header says. Raises InputError: not that of a network of dsmap."""
+    with reading(f"{path}: unknown {WEIGHTS_FORMAT} header", "that of a network of dsmap"):
+        names = header["class_names"]
+        if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+            raise TypeError(f"class_names {brief(names)}")
         info = WeightsInfo(
-            config=config_from(header["config"]),
-            size=(int(header["size"][0]), int(header["size"][1])),
+            config=config_from(header["config"], str(path)),
+            size=(_whole(header["size"][0]), _whole(header["size"][1])),
             temperature=float(header["temperature"]),
-            class_names=tuple(header["class_names"]),
+            class_names=tuple(names),
             prior=float(header.get("prior", 0.0)),
             shares=tuple(float(value) for value in header.get("shares", ())),
             balance=tuple(float(value) for value in header.get("balance", ())),
             notes=dict(header["notes"]),
         )
-    except (KeyError, TypeError, ValueError, IndexError) as error:
-        raise InputError(f"{path}: unknown {WEIGHTS_FORMAT} header ({error!r})") from error
-    if class_names is not None and info.class_names != class_names:
-        raise InputError(f"{path}: classes are {list(info.class_names)}, expected {list(class_names)}")
-    if any(side < 32 or side % 32 for side in info.size) or not info.temperature > 0:
+    if len(info.size) != 2 or any(not 32 <= side <= _MAX_SIDE or side % 32 for side in info.size):
+        raise InputError(f"{path}: size {info.size}, expected multiples of 32 up to {_MAX_SIDE}")
+    if not 0 < info.temperature < np.inf or not 0 <= info.prior <= 1:
         raise InputError(
-            f"{path}: size {info.size} and temperature {info.temperature}, expected multiples of 32 and > 0"
+            f"{path}: temperature {info.temperature} and prior {info.prior}, expected > 0 and 0 to 1"
         )
+    if info.config.classes != len(names):
+        raise InputError(f"{path}: {info.config.classes} classes and {len(names)} names, expected as many")
     if info.shares and not len(info.shares) == len(info.balance) == len(info.class_names):
         raise InputError(
             f"{path}: shares and balance of other classes, expected {len(info.class_names)} of each"
         )
-    model = build_network(info.config)
-    load_state(model, tensors, path)
-    return model.eval(), info
+    if not all(0 <= value < np.inf for value in (*info.shares, *info.balance)):
+        raise InputError(f"{path}: shares or balance below 0 or infinite, expected numbers from 0")
+    return info
+
+
+def _whole(value: object) -> int:
+    if not isinstance(value, int) or isinstance(value, bool):
+        raise TypeError(f"{brief(value)} for a whole number")
+    return value
 
 
 def load_state(model: torch.nn.Module, tensors: dict[str, Tensor], path: Path) -> None:
@@ -168,10 +205,12 @@ def record_of(config: NetConfig) -> dict:
     return record if kind == "dsnet" else {"kind": kind, **record}
 
 
-def config_from(record: dict) -> NetConfig:
-    """A network's configuration from its JSON form."""
-    values = {key: tuple(value) if isinstance(value, list) else value for key, value in record.items()}
-    kind = str(values.pop("kind", "dsnet"))
-    if kind == "dsnet" and "widths" not in values:
-        raise KeyError("widths")
-    return _KINDS[kind](**values)
+def config_from(record: dict, where: str = "network") -> NetConfig:
+    """A network's configuration from its JSON form. Raises InputError: there is no such network."""
+    if not isinstance(record, dict):
+        raise InputError(f"{where}: found {brief(record)}, expected a network's configuration")
+    values = dict(record)
+    kind = values.pop("kind", "dsnet")
+    if kind not in _KINDS or (kind == "dsnet" and "widths" not in values):
+        raise InputError(f"{where}: unknown network {brief(record)}, expected one of {', '.join(_KINDS)}")
+    return fill(_KINDS[kind](), values, f"{where}: config")

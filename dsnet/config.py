@@ -1,10 +1,11 @@
 """Configuration of the network and of its training; free of torch, so that `--help` stays quick."""
 
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Annotated, Literal
 
 from dsmap.classes import NUM_CLASSES
 from dsmap.errors import InputError
+from dsmap.ranges import Degrees, Range, Seed, Share
 
 GEOMETRY_CHANNELS = 4
 """Inverse depth, angle to the vertical, height above the floor, and where they are known (`kernels.geometry`)."""
@@ -14,21 +15,21 @@ GEOMETRY_CHANNELS = 4
 class DSNetConfig:
     """Shape of a DS-Net; the defaults are the paper's Table 1 with the three-convolution stem of its text."""
 
-    layers: int | tuple[int, int, int, int] = 4
+    layers: Annotated[int | tuple[int, int, int, int], Range(1, 64)] = 4
     """L: 3x3 convolutions in a dense block (paper: 3, 4 or 5), or in each of B1..B4."""
-    growth: int | tuple[int, int, int, int] = 16
+    growth: Annotated[int | tuple[int, int, int, int], Range(1, 1024)] = 16
     """K: feature maps each of them adds (paper: 8, 16 or 32), or in each of B1..B4."""
-    widths: tuple[int, int, int, int] = (16, 16, 16, 16)
+    widths: Annotated[tuple[int, int, int, int], Range(1, 4096, length=4)] = (16, 16, 16, 16)
     """Channels that enter the pooling of B1..B4; the last is B4's output too, and D4..D1 mirror them."""
-    stem_convs: int = 3
+    stem_convs: Annotated[int, Range(1, 3)] = 3
     """3x3 convolutions before B1, the first with stride 2: 1 (Table 1) or 3 (the paper's text)."""
     final_relu: bool = False
     """ReLU after the last deconvolution, as in Table 1; off, so that logits may be negative."""
-    dropout: float = 0.2
+    dropout: Share = 0.2
     """Dropout after the 1x1 convolution of each B."""
-    classes: int = NUM_CLASSES
+    classes: Annotated[int, Range(1, 4096)] = NUM_CLASSES
     """Output channels: void and the classes of the data."""
-    channels: int = 3
+    channels: Annotated[int, Range(3, 7)] = 3
     """Input channels: 3 (RGB) or 7 (RGB and geometry)."""
 
     def __post_init__(self) -> None:
@@ -54,10 +55,10 @@ class DSNetConfig:
 class DeconvNetConfig:
     """The deconvolution network of Noh, Hong and Han (ICCV 2015), VGG-16 mirrored."""
 
-    width: float = 1.0
+    width: Annotated[float, Range(0, 1, above=True)] = 1.0
     """Channels relative to the original (64 .. 512 and 4096); 1 has 252 million parameters."""
-    classes: int = NUM_CLASSES
-    channels: int = 3
+    classes: Annotated[int, Range(1, 4096)] = NUM_CLASSES
+    channels: Annotated[int, Range(3, 7)] = 3
 
     def __post_init__(self) -> None:
         if not 0 < self.width <= 1 or self.channels not in (3, 7) or self.classes < 1:
@@ -70,13 +71,13 @@ class DSNetPConfig:
 
     encoder: Literal["lite0", "lite1", "lite2"] = "lite0"
     """Which EfficientNet-Lite."""
-    widths: tuple[int, int, int, int] = (128, 96, 80, 64)
+    widths: Annotated[tuple[int, int, int, int], Range(1, 4096, length=4)] = (128, 96, 80, 64)
     """Channels of the decoder at 1/32, 1/16, 1/8 and 1/4 of the size."""
-    dropout: float = 0.1
+    dropout: Share = 0.1
     """Dropout of whole feature maps before the last convolution."""
-    classes: int = NUM_CLASSES
+    classes: Annotated[int, Range(1, 4096)] = NUM_CLASSES
     """Output channels: void and the classes of the data."""
-    channels: int = 3 + GEOMETRY_CHANNELS
+    channels: Annotated[int, Range(3, 7)] = 3 + GEOMETRY_CHANNELS
     """Input channels: 3 (RGB) or 7 (RGB and geometry)."""
 
     def __post_init__(self) -> None:
@@ -123,19 +124,19 @@ class NetChoice:
     Images without depth are trained on with empty channels."""
     encoder: Literal["lite0", "lite1", "lite2"] | None = None
     """Which EfficientNet-Lite encodes in dsnet-p."""
-    layers: int | None = None
+    layers: Annotated[int | None, Range(1, 16)] = None
     """DS-Net's L: 3x3 convolutions in a dense block (paper: 3, 4 or 5)."""
-    growth: int | None = None
+    growth: Annotated[int | None, Range(1, 256)] = None
     """DS-Net's K: feature maps each of them adds (paper: 8, 16 or 32)."""
-    widths: tuple[int, int, int, int] | None = None
+    widths: Annotated[tuple[int, int, int, int] | None, Range(1, 4096, length=4)] = None
     """DS-Net's channels at the pooling of B1..B4."""
-    stem_convs: int | None = None
+    stem_convs: Annotated[int | None, Range(1, 3)] = None
     """DS-Net's 3x3 convolutions before B1: 1 or 3."""
     final_relu: bool | None = None
     """DS-Net's ReLU after the last deconvolution, as in Table 1."""
-    dropout: float | None = None
+    dropout: Share | None = None
     """DS-Net's dropout after the 1x1 convolution of each B."""
-    width: float = 1.0
+    width: Annotated[float, Range(0, 8, above=True)] = 1.0
     """DeconvNet's channels relative to the original."""
 
     def config(self, classes: int = NUM_CLASSES) -> NetConfig:
@@ -182,37 +183,37 @@ class ClassifierConfig:
 class AugmentConfig:
     """Strength of the random changes to a training image; 0 switches one off."""
 
-    scale: tuple[float, float] = (0.9, 1.6)
+    scale: Annotated[tuple[float, float], Range(0.05, 20, length=2)] = (0.9, 1.6)
     """Zoom of the image relative to fitting it to the training size, log-uniform."""
-    aspect: float = 0.1
+    aspect: Share = 0.1
     """Largest relative change of the aspect ratio."""
-    rotate: float = 5.0
+    rotate: Degrees = 5.0
     """Largest roll of the camera [degrees]."""
-    flip: float = 0.5
+    flip: Share = 0.5
     """Probability of a left-right flip."""
-    brightness: float = 0.2
+    brightness: Share = 0.2
     """Largest relative change of brightness."""
-    contrast: float = 0.2
+    contrast: Share = 0.2
     """Largest relative change of contrast about the mean."""
-    gamma: float = 0.2
+    gamma: Annotated[float, Range(0, 3)] = 0.2
     """Largest change of log gamma."""
-    white_balance: float = 0.08
+    white_balance: Share = 0.08
     """Largest relative change of one channel's gain."""
-    saturation: float = 0.3
+    saturation: Share = 0.3
     """Largest relative change of saturation."""
-    hue: float = 10.0
+    hue: Degrees = 10.0
     """Largest rotation of hue [degrees]."""
-    blur: float = 0.1
+    blur: Share = 0.1
     """Probability of a Gaussian blur (sigma up to 1.5 px)."""
-    noise: float = 0.2
+    noise: Share = 0.2
     """Probability of Gaussian noise (sigma up to 12 grey levels)."""
-    copy_paste: float = 0.0
+    copy_paste: Share = 0.0
     """Probability that an object of a rarer class, cut by its label out of another image, is pasted in."""
-    drop_geometry: float = 0.2
+    drop_geometry: Share = 0.2
     """Probability that an image comes without any geometry, so that the network serves colour alone as well."""
-    holes: float = 0.7
+    holes: Share = 0.7
     """Probability that geometry has holes: patches, edges of things, all that is further than some distance."""
-    geometry_noise: float = 0.5
+    geometry_noise: Share = 0.5
     """Probability that geometry is noisy and its floor is wrong by some centimetres."""
 
     def __post_init__(self) -> None:
@@ -225,52 +226,52 @@ class AugmentConfig:
 class TrainConfig:
     """One training run; with the data and the seed it determines the weights."""
 
-    steps: int = 4000
+    steps: Annotated[int, Range(1, 1_000_000_000)] = 4000
     """Optimiser steps of the whole schedule."""
-    batch: int = 16
+    batch: Annotated[int, Range(1, 4096)] = 16
     """Images a step."""
-    size: tuple[int, int] = (448, 448)
+    size: Annotated[tuple[int, int], Range(32, 4096, length=2)] = (448, 448)
     """Width and height of training images [px], multiples of 32."""
-    working_size: tuple[int, int] | None = None
+    working_size: Annotated[tuple[int, int] | None, Range(32, 4096, length=2)] = None
     """Width and height [px] of the whole images that are validated and that the weights are for; default: `size`.
     Where training zooms in, things look larger than in whole images of the same size: a larger one fits better."""
-    lr: float = 1e-2
+    lr: Annotated[float, Range(0, 100, above=True)] = 1e-2
     """Peak learning rate of AdamW."""
-    weight_decay: float = 1e-2
+    weight_decay: Annotated[float, Range(0, 100)] = 1e-2
     """Decoupled weight decay of the convolutions."""
-    warmup: int = 100
+    warmup: Annotated[int, Range(0, 1_000_000_000)] = 100
     """Steps of linear warm-up before the cosine decay to zero."""
-    ema: float = 0.99
+    ema: Share = 0.99
     """Decay of the averaged weights that are validated and saved; 0: no averaging."""
     balance: Literal["inverse", "median", "log", "none"] = "inverse"
     """Class weights: `inverse` (1 / share of pixels: what the class average asks for), `median` (median frequency
     within the images that show a class), `log` (1 / log(1.02 + share)) or `none`."""
-    balance_power: float = 0.75
+    balance_power: Annotated[float, Range(0, 10)] = 0.75
     """Of `inverse`: weights are shares to the power of minus this; 1: best class average, 0.5: best mIoU, 0: best
     pixel accuracy."""
-    validate_every: int = 500
+    validate_every: Annotated[int, Range(1, 1_000_000_000)] = 500
     """Steps between validations, which also write the checkpoint."""
     precision: Literal["fp32", "bf16"] = "fp32"
     """Of convolutions while training: bf16 is about twice as fast on processors (AVX512-BF16, AMX) and GPUs that
     have it. Weights, losses and batch norms stay fp32, validation is fp32."""
-    shares: tuple[float, ...] = ()
+    shares: Annotated[tuple[float, ...], Range(0, 1e9)] = ()
     """How often each of the data sets is drawn from, in their order (0.3 0.7); default: by their sizes."""
-    init_lr: float = 1.0
+    init_lr: Annotated[float, Range(0, 1000, above=True)] = 1.0
     """Learning rate of weights that come from `init`, relative to that of new ones (the paper: 1/8)."""
-    encoder_lr: float = 1.0
+    encoder_lr: Annotated[float, Range(0, 1000, above=True)] = 1.0
     """Learning rate of a pre-trained encoder, relative to that of the rest."""
-    freeze: int = 0
+    freeze: Annotated[int, Range(0, 5)] = 0
     """Levels of a pre-trained encoder that stay as they are: 1 is its stem and all at 1/2 of the size, 2 up to 1/4."""
     imagenet: bool = True
     """Whether dsnet-p begins with ImageNet's weights, where no `init` is given (needs the extra `pretrained`)."""
-    distil: float = 0.7
+    distil: Share = 0.7
     """With a teacher: share of the loss that follows its probabilities; the rest follows the labels."""
-    smoothing: float = 0.0
+    smoothing: Share = 0.0
     """Label smoothing: this share of every target is spread over the classes."""
-    prior: float = 0.5
+    prior: Share = 0.5
     """Class prior of the finished weights: 0 as frequent as in the data (best pixel accuracy), 1 all alike (best class
     average; what Eq. 5 divides by)."""
-    seed: int = 0
+    seed: Seed = 0
     """Of initial weights, order, augmentation and dropout."""
 
     def __post_init__(self) -> None:

@@ -23,6 +23,7 @@ from dsmap.fusion.trajectory import Trajectory, TrajectoryPoint
 from dsmap.kernels.label import posterior
 from dsmap.kernels.preprocess import depth_in_range, preprocess
 from dsmap.kernels.types import FrameMaps, SurfelMap
+from dsmap.ranges import check_ranges
 
 
 @dataclass(frozen=True)
@@ -73,6 +74,7 @@ class Mapper:
         surfels: SurfelMap | None = None,
         frozen: bool = False,
     ):
+        check_ranges(config, str)
         if min(intrinsics.width, intrinsics.height) < 32:
             raise InputError(
                 f"images of {intrinsics.width}x{intrinsics.height} are too small; expected at least 32x32"

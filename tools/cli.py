@@ -11,6 +11,7 @@ import tyro
 
 import dsmap
 from dsmap.errors import InputError, InputWarning
+from dsmap.ranges import as_flag, check_ranges
 from dsmap.tools import entry
 from dsmap.tools.support.kernel_cache import make_kernel_cache_writable
 
@@ -116,6 +117,7 @@ def run(command: str, argv: list[str]) -> int:
             args = module.parse(argv)
         else:
             args = tyro.cli(module.Args, args=argv, prog=f"dsmap {command}", description=COMMANDS[command][1])
+        check_ranges(args, as_flag)
         return int(module.main(args) or 0)
     except InputError as error:
         print(f"dsmap {command}: {error}", file=sys.stderr)

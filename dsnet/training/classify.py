@@ -18,7 +18,7 @@ from dsmap.dsnet.networks.classifier import Classifier
 from dsmap.dsnet.networks.dsnet import to_input
 from dsmap.errors import InputError
 
-CLASSIFIER_FORMAT = "dsmap.classifier.training"
+CLASSIFIER_FORMAT = "dsmap.classifier.training/2"
 _GREY = 127
 """Colour that a shift brings in: zero for the network (see `to_input`)."""
 

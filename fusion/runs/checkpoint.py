@@ -13,11 +13,18 @@ from dsmap.config_file import fill
 from dsmap.errors import InputError
 from dsmap.fusion.config import MapConfig
 from dsmap.fusion.mapper import Mapper
+from dsmap.fusion.runs.checkpoint_schema import check_arrays, check_words
 from dsmap.kernels.types import ARRAYS, SurfelMap
+from dsmap.plain import parse_json
+from dsmap.reading import reading
+from dsmap.sealed import read_words
 from dsmap.tensor_files import write_tensors
 
-FORMAT = "dsmap.map/2"
+FORMAT = "dsmap.map/3"
 """Marks our files; the number changes when older programs could not read them, or we theirs."""
+_OLDER = ("dsmap.map/2",)
+"""The same without a checksum."""
+_EXPECTED = "a whole dsmap checkpoint (checkpoint.safetensors of a run)"
 _TRAJECTORY = ("times", "poses", "tracked")
 _METADATA = ("config", "intrinsics", "time", "state", "run")
 
@@ -92,6 +99,8 @@ def load_map(path: Path | str, device: Any = "cpu") -> tuple[SurfelMap, dict[str
             f"{path}: tensors {', '.join(missing)} are missing; expected a whole dsmap checkpoint"
         )
     arrays.setdefault("depth_times", np.full(len(arrays["times"]), np.nan))  # older files
+    check_arrays(path, arrays)
+    check_words(path, meta, len(arrays["times"]), len(arrays["position"]))
     meta["config"] = fill(MapConfig(), meta["config"], f"{path}: config", strict=False)
     meta["plain"] = meta.pop("state")
     meta["arrays"] = {n.removeprefix("state."): a for n, a in arrays.items() if n.startswith("state.")}
@@ -102,32 +111,27 @@ def load_map(path: Path | str, device: Any = "cpu") -> tuple[SurfelMap, dict[str
 
 def _read(path: Path, with_arrays: bool) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     """Tensors by name, and the metadata as plain values."""
-    arrays, metadata = _read_text(path, with_arrays)
-    try:
-        return arrays, {name: json.loads(metadata[name]) for name in _METADATA}
-    except (KeyError, json.JSONDecodeError) as error:
-        raise InputError(f"{path}: damaged metadata ({error}); expected a whole dsmap checkpoint") from error
+    arrays, words = _read_text(path, with_arrays)
+    missing = [name for name in _METADATA if name not in words]
+    if missing:
+        raise InputError(f"{path}: damaged metadata: no {', '.join(missing)}; expected {_EXPECTED}")
+    meta = {
+        name: parse_json(words[name], f"{path}: damaged metadata {name}", _EXPECTED) for name in _METADATA
+    }
+    if not all(isinstance(meta[name], dict) for name in ("config", "run")):
+        raise InputError(f"{path}: damaged metadata; expected {_EXPECTED}")
+    return arrays, meta
 
 
 def _read_text(path: Path, with_arrays: bool) -> tuple[dict[str, np.ndarray], dict[str, str]]:
     """Tensors by name, and the metadata as it is stored."""
     if not path.is_file():
-        raise InputError(
-            f"{path}: no such file; expected a dsmap checkpoint (checkpoint.safetensors of a run)"
-        )
-    try:
-        with safe_open(path, framework="np") as file:
-            metadata = file.metadata() or {}
-            names = file.keys() if with_arrays else ()
-            if metadata.get("format") != FORMAT:
-                raise InputError(
-                    f"{path}: format is {metadata.get('format', 'not stated')!r}; expected {FORMAT!r}, a dsmap map"
-                )
-            return {name: file.get_tensor(name) for name in names}, metadata
-    except (SafetensorError, OSError) as error:
-        raise InputError(
-            f"{path}: damaged or not a safetensors file ({error}); expected a dsmap checkpoint"
-        ) from error
+        raise InputError(f"{path}: no such file; expected {_EXPECTED}")
+    words = read_words(path, _EXPECTED, (FORMAT, *_OLDER), with_tensors=with_arrays)
+    if not with_arrays:
+        return {}, words
+    with reading(path, _EXPECTED, SafetensorError), safe_open(path, framework="np") as file:
+        return {name: file.get_tensor(name) for name in file.keys()}, words  # noqa: SIM118
 
 
 def surfels_from(arrays: dict[str, np.ndarray], path: Path | str, device: Any) -> SurfelMap:
@@ -136,7 +140,7 @@ def surfels_from(arrays: dict[str, np.ndarray], path: Path | str, device: Any) -
     Raises:
         InputError: an array is not of the type or length that its name promises.
     """
-    count = len(arrays["position"])
+    count = arrays["position"].shape[0] if arrays["position"].ndim else 0
     surfels = SurfelMap.empty(device, max(count, 1))
     for name in ARRAYS:
         ours, theirs = getattr(surfels, name), arrays[name]

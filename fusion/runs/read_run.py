@@ -1,20 +1,22 @@
 """Reading a RUN folder back, and pairing its frames with a reference recording."""
 
-import json
+import os
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from dsmap.errors import InputError
-from dsmap.frame import Intrinsics
 from dsmap.fusion.config import MapConfig
 from dsmap.fusion.labels.gravity import MapGravity
 from dsmap.fusion.runs.checkpoint import load_map
+from dsmap.fusion.runs.checkpoint_schema import camera_of
 from dsmap.fusion.state import part_of
 from dsmap.kernels.types import SurfelMap
+from dsmap.plain import brief, read_json, read_yaml
+from dsmap.reading import reading
 from dsmap.sequences import Sequence
 from dsmap.sequences.associate import associate
 
@@ -54,14 +56,25 @@ def load_run(path: Path | str, device: Any = "cpu") -> SavedRun:
     surfels, meta = load_map(folder / "checkpoint.safetensors", device)
     first = meta["plain"]["first_frame"]  # frames before belong to an earlier recording
     times, poses, tracked = (meta[name][first:] for name in ("times", "poses", "tracked"))
-    gravity = MapGravity(Intrinsics(**meta["intrinsics"]), meta["config"].camera_up)
-    gravity.load_state(part_of(meta["arrays"], "gravity."))
+    gravity = MapGravity(camera_of(folder, meta["intrinsics"]), meta["config"].camera_up)
+    with reading(folder / "checkpoint.safetensors", _EXPECTED):
+        gravity.load_state(part_of(meta["arrays"], "gravity."))
+    settings = _read(folder / "config.yaml", read_yaml)
+    for part in ("sequence", "map", "segmenter"):
+        if not isinstance(settings.get(part, {}), dict):
+            raise InputError(
+                f"{folder / 'config.yaml'}: found {part} {brief(settings[part])}, expected {_EXPECTED}"
+            )
+    loops = _read(folder / "loops.json", read_json).get("loops")
+    if loops is not None and not (isinstance(loops, list) and all(isinstance(loop, dict) for loop in loops)):
+        raise InputError(f"{folder / 'loops.json'}: found {brief(loops)}, expected {_EXPECTED}")
+    stats = _read(folder / "stats.json", read_json)
     return SavedRun(
-        folder, surfels, meta["config"], times, poses, tracked.astype(bool), gravity,
-        settings=_read(folder / "config.yaml", yaml.safe_load, yaml.YAMLError),
-        stats=_read(folder / "stats.json", json.loads, json.JSONDecodeError),
-        loops=_read(folder / "loops.json", json.loads, json.JSONDecodeError).get("loops"),
+        folder, surfels, meta["config"], times, poses, tracked.astype(bool), gravity, settings, stats, loops
     )  # fmt: skip
+
+
+_EXPECTED = "what `dsmap map` wrote"
 
 
 def pair_frames(run: SavedRun, reference: Sequence) -> list[tuple[int, int]]:
@@ -85,15 +98,10 @@ def evenly_spread(count: int, most: int) -> list[int]:
     return [int(i) for i in np.unique(np.linspace(0, count - 1, min(count, most)).astype(int))]
 
 
-def _read(path: Path, parse: Any, failure: type[Exception]) -> dict[str, Any]:
-    if not path.exists():
+def _read(path: Path, read: Callable[[Path], Any]) -> dict[str, Any]:
+    if not os.path.lexists(path):
         return {}
-    try:
-        content = parse(path.read_text())
-    except (OSError, UnicodeDecodeError, failure) as error:
-        raise InputError(
-            f"{path}: damaged ({str(error).splitlines()[0]}), expected what `dsmap map` wrote"
-        ) from error
+    content = read(path)
     if not isinstance(content, dict):
-        raise InputError(f"{path}: found {type(content).__name__}, expected what `dsmap map` wrote")
+        raise InputError(f"{path}: found {type(content).__name__}, expected {_EXPECTED}")
     return content

@@ -11,6 +11,7 @@ from dsmap.fusion.mapper import Mapper
 from dsmap.fusion.segmenter import Segmenter
 from dsmap.fusion.trajectory import Trajectory
 from dsmap.kernels.types import SurfelMap
+from dsmap.reading import DECODER_ERRORS, reason
 
 
 def resumed_mapper(
@@ -73,5 +74,7 @@ def _must_fit(where: str) -> Iterator[None]:
     """What goes wrong inside is the fault of the checkpoint."""
     try:
         yield
-    except (KeyError, TypeError, ValueError, RuntimeError) as error:
-        raise InputError(f"{where}: does not fit ({error}); expected a whole dsmap checkpoint") from error
+    except (*DECODER_ERRORS, RuntimeError) as error:
+        raise InputError(
+            f"{where}: does not fit ({reason(error)}); expected a whole dsmap checkpoint"
+        ) from error

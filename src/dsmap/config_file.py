@@ -11,6 +11,8 @@ from pathlib import Path
 from typing import Any, Literal, TypeVar
 
 from dsmap.errors import InputError
+from dsmap.plain import brief
+from dsmap.ranges import check_value, hints_of
 
 T = TypeVar("T")
 
@@ -25,23 +27,24 @@ def fill(default: T, values: dict[str, Any], where: str, strict: bool = True) ->
         strict: False passes over parameters that are not known: those of a map that an older dsmap saved.
 
     Raises:
-        InputError: an unknown parameter, or a value of the wrong type.
+        InputError: an unknown parameter, or a value of the wrong type or out of its range.
     """
     if not isinstance(values, dict):
-        raise InputError(f"{where}: found {values!r}; expected parameters by name")
+        raise InputError(f"{where}: found {brief(values)}; expected parameters by name")
     names = [field.name for field in dataclasses.fields(default)]  # type: ignore[arg-type]
-    hints = typing.get_type_hints(type(default))
+    hints, ranges = typing.get_type_hints(type(default)), hints_of(type(default))
     changes = {}
     for name, value in values.items():
         if name not in names:
             if not strict:
                 continue
-            raise InputError(f"{where}: unknown parameter {name!r}; expected one of {', '.join(names)}")
+            raise InputError(f"{where}: unknown parameter {brief(name)}; expected one of {', '.join(names)}")
         old = getattr(default, name)
         if dataclasses.is_dataclass(old):
             changes[name] = fill(old, value, f"{where}: {name}", strict)
         else:
             changes[name] = _checked(value, hints[name], f"{where}: {name}")
+            check_value(changes[name], ranges[name], f"{where}: {name}")
     return dataclasses.replace(default, **changes)  # type: ignore[type-var]
 
 
@@ -60,7 +63,7 @@ def _checked(value: Any, hint: Any, where: str) -> Any:
         fits, converted = _fitted(value, option, where)
         if fits:
             return converted
-    raise InputError(f"{where} is {value!r}; expected {_describe(hint)}")
+    raise InputError(f"{where} is {brief(value)}; expected {_describe(hint)}")
 
 
 def _fitted(value: Any, hint: Any, where: str) -> tuple[bool, Any]:

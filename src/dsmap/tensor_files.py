@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from dsmap.files import atomic_path
+from dsmap.sealed import CHECKSUM, WORDS, checksum_of
 
 _NAMES = {
     "float64": "F64", "float32": "F32", "float16": "F16", "int64": "I64", "int32": "I32", "int16": "I16",
@@ -22,7 +23,7 @@ _ALIGNMENT = 8
 def write_tensors(
     path: Path | str, arrays: dict[str, np.ndarray], metadata: dict[str, str], durable: bool = False
 ) -> None:
-    """Write a safetensors file; it is whole or absent.
+    """Write a safetensors file with a checksum (`sealed`); it is whole or absent.
 
     Args:
         arrays: by name, of NumPy's usual types.
@@ -33,18 +34,23 @@ def write_tensors(
         WriteError: the disk is full, or the folder cannot be written.
     """
     ordered = sorted(arrays.items(), key=lambda item: (-item[1].dtype.alignment, item[0]))
-    header: dict[str, object] = {"__metadata__": dict(sorted(metadata.items()))}
+    words = dict(sorted(metadata.items()))
+    header: dict[str, object] = {WORDS: words}
     end = 0
     for name, array in ordered:
         begin, end = end, end + array.nbytes
         header[name] = {
             "dtype": _NAMES[array.dtype.name], "shape": list(array.shape), "data_offsets": [begin, end],
         }  # fmt: skip
+    words[CHECKSUM] = checksum_of(header, (_bytes(array) for _, array in ordered))
     text = json.dumps(header, separators=(",", ":"), ensure_ascii=False).encode()
     text += b" " * (-len(text) % _ALIGNMENT)
     with atomic_path(path, durable=durable) as temporary, open(temporary, "wb") as file:
         file.write(len(text).to_bytes(8, "little"))
         file.write(text)
         for _, array in ordered:
-            if array.size:
-                file.write(np.ascontiguousarray(array).reshape(-1).view(np.uint8).data)
+            file.write(_bytes(array))
+
+
+def _bytes(array: np.ndarray) -> memoryview:
+    return np.ascontiguousarray(array).reshape(-1).view(np.uint8).data if array.size else memoryview(b"")

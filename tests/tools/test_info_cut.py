@@ -103,7 +103,7 @@ def test_cuts_that_cannot_be_made(tmp_path, capsys):
     for options, words in (
         ([str(source)], "already"),
         ([str(tmp_path / "c"), "--start", "100"], "no colour image"),
-        ([str(tmp_path / "c"), "--seconds", "-1"], "length"),
+        ([str(tmp_path / "c"), "--seconds", "-1"], "expected above 0"),
     ):
         assert run("cut", [str(source), *options]) == 2
         assert words in capsys.readouterr().err

@@ -10,13 +10,14 @@ import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import tyro
 
 from dsmap.cores import usable_cores
 from dsmap.errors import InputError
 from dsmap.files import write_json
+from dsmap.ranges import Every, Range, Scale
 from dsmap.sequences import Sequence, open_sequence
 from dsmap.tools.support.bench_worker import Request
 from dsmap.tools.support.parse import parse_intrinsics, parse_size
@@ -32,19 +33,19 @@ class Args:
     """Run this system as well, turn by turn: Open3D's dense SLAM on the CPU."""
     size: str | None = None
     """WxH: resize frames first, e.g. 320x240."""
-    frames: int | None = None
+    frames: Annotated[int | None, Range(1, 1_000_000)] = None
     """Use the first N frames only; all frames are held in memory."""
-    stride: int = 1
+    stride: Every = 1
     """Take every n-th frame."""
-    runs: int = 3
+    runs: Annotated[int, Range(1, 1000)] = 3
     """Runs of each system; the median counts."""
-    threads: int | None = None
+    threads: Annotated[int | None, Range(1, 1024)] = None
     """CPU threads of each system; default: all cores."""
-    depth_max: float | None = None
+    depth_max: Annotated[float | None, Range(0, 1000, above=True)] = None
     """Ignore farther depth [m], in both systems; default: the calibration's depth_max, else 3, Open3D's own."""
     intrinsics: str | None = None
     """fx,fy,cx,cy of the recording's own images [px]."""
-    depth_scale: float | None = None
+    depth_scale: Scale | None = None
     """Stored depth units per metre."""
     device: Literal["cpu", "cuda:0"] = "cpu"
     """Where dsmap's kernels run."""

@@ -2,11 +2,13 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 
 from dsmap.dsnet.config import GEOMETRY_CHANNELS
 from dsmap.errors import InputError
+from dsmap.ranges import Range
 
 
 @dataclass
@@ -15,15 +17,15 @@ class Args:
 
     weights: str = "dsnet-p"
     """Weights of a DS-Net or dsnet-p: a file, or the name of some that ship. Beside others, dsnet is timed, too."""
-    size: tuple[int, int] = (320, 256)
+    size: Annotated[tuple[int, int], Range(32, 4096, length=2)] = (320, 256)
     """Width and height of the images [px], multiples of 32."""
     data: Path | None = None
     """Labelled images to compare answers on, PATH or PATH@SPLIT; default: drawn patterns."""
-    images: int = 8
+    images: Annotated[int, Range(1, 1_000_000)] = 8
     """Number of images compared, evenly spread over the data."""
-    rounds: int = 9
+    rounds: Annotated[int, Range(1, 100_000)] = 9
     """Rounds in which every contender has its turn."""
-    repeats: int = 5
+    repeats: Annotated[int, Range(1, 100_000)] = 5
     """Timed calls a turn."""
 
 

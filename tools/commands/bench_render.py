@@ -2,10 +2,12 @@
 
 import time
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
 from dsmap.errors import InputError
+from dsmap.ranges import Range, Seed
 from dsmap.tools.support.parse import parse_size
 
 
@@ -15,11 +17,11 @@ class Args:
 
     scene: str = "living_room"
     """Kind of room."""
-    seed: int = 1
+    seed: Seed = 1
     """Its seed."""
     sizes: tuple[str, ...] = ("320x240", "640x480")
     """Image sizes."""
-    frames: int = 12
+    frames: Annotated[int, Range(1, 1_000_000)] = 12
     """Frames a measurement, after one that is not counted; the median is reported."""
 
 

@@ -3,12 +3,13 @@
 import dataclasses
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 from dsmap.errors import InputError
 from dsmap.files import write_json
 from dsmap.fusion.config import MapConfig
 from dsmap.plain import read_json
+from dsmap.ranges import Range, Seed
 from dsmap.tools.support.parse import parse_size
 
 PATHS = ("fast", "cover", "jump")
@@ -23,13 +24,13 @@ class Args:
     paths: tuple[str, ...] = PATHS
     """fast = turned at over 120 deg/s for half a second; cover = a second without depth and colour; jump = put
     down where it has been before."""
-    trials: int = 10
+    trials: Annotated[int, Range(1, 100_000)] = 10
     """Trials of each; they go through the kinds of rooms in turn, each with a seed of its own."""
     scenes: tuple[str, ...] = ("living_room", "bedroom", "office", "kitchen")
     """Kinds of rooms."""
-    first_seed: int = 101
+    first_seed: Seed = 101
     """Seed of the first trial."""
-    frames: int = 300
+    frames: Annotated[int, Range(1, 1_000_000)] = 300
     """Frames a trial, at 30 a second."""
     size: str = "320x240"
     """Image size."""

@@ -7,7 +7,7 @@ import gc
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from dsmap.fusion.mapper import Mapper
 from dsmap.fusion.stage_clock import WARM_UP
 from dsmap.kernels.launch import all_blocks
 from dsmap.kernels.types import SurfelMap
+from dsmap.ranges import Range
 from dsmap.tools.support.parse import parse_size
 
 ROOM = np.array([4.0, 4.0, 2.6])
@@ -32,7 +33,7 @@ STILL = 15
 class Args:
     surfels: str = "0.1,1,5,10"
     """Sizes of the maps [million surfels], comma-separated; the first is what the others are compared with."""
-    frames: int = 60
+    frames: Annotated[int, Range(1, 1_000_000)] = 60
     """Frames that are timed, after the first five."""
     size: str = "320x240"
     """WxH of the camera."""
@@ -44,15 +45,19 @@ class Args:
     """File for all figures."""
 
 
+_MOST = 100_000_000
+"""Surfels of a map."""
+
+
 def main(args: Args) -> int:
     """Build the maps, time the frames, print the table, write the file."""
     try:
         counts = [int(1e6 * float(text)) for text in args.surfels.split(",")]
-    except ValueError:
+    except (ValueError, OverflowError):
         counts = []
-    if not counts or min(counts) < 1:
+    if not counts or not 1 <= min(counts) <= max(counts) <= _MOST:
         raise InputError(
-            f"--surfels is {args.surfels!r}; expected positive numbers (millions) with commas between"
+            f"--surfels is {args.surfels!r}; expected positive numbers (millions, at most 100) with commas between"
         )
     if args.frames < 1:
         raise InputError(f"--frames is {args.frames}; expected at least 1")

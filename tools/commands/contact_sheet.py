@@ -2,11 +2,13 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import tyro
 from tqdm import tqdm
 
 from dsmap.cores import usable_cores
+from dsmap.ranges import Range, Seed
 from dsmap.tools.support.parse import parse_size
 
 
@@ -18,15 +20,15 @@ class Args:
     """The picture (.png or .jpg)."""
     scene: str = "mix"
     """Kind of room, or `mix`: the kinds of a training set."""
-    columns: int = 5
+    columns: Annotated[int, Range(1, 100)] = 5
     """Scenes side by side."""
-    rows: int = 6
+    rows: Annotated[int, Range(1, 100)] = 6
     """Scenes one below the other."""
-    seed: int = 1
+    seed: Seed = 1
     """Seed of the first scene; the others follow."""
     size: str = "240x180"
     """Size of one view, WIDTHxHEIGHT."""
-    jobs: int = 0
+    jobs: Annotated[int, Range(0, 1024)] = 0
     """Processes; 0 = one for every core."""
 
 

@@ -7,6 +7,7 @@ from typing import Literal
 import tyro
 
 from dsmap.errors import InputError
+from dsmap.ranges import Every
 from dsmap.sequences import open_sequence
 from dsmap.sequences.exporters import EXPORTERS
 
@@ -24,7 +25,7 @@ class Args:
     label_map: str | None = None
     """Which classes the recording's label images hold, if not the 13: nyu40, scannet, or a file of ids, names or
     colours (docs/guide/labels.md)."""
-    stride: int = 1
+    stride: Every = 1
     """Every n-th frame."""
 
 

@@ -2,9 +2,11 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import tyro
 
+from dsmap.ranges import Range, Scale
 from dsmap.sequences import open_sequence
 from dsmap.sequences.cut import cut_sequence
 from dsmap.tools.support.parse import parse_intrinsics
@@ -16,13 +18,13 @@ class Args:
     """The recording: a folder, or a file as cameras leave it (docs/guide/recordings.md)."""
     destination: tyro.conf.Positional[Path]
     """New folder for the sequence (TUM layout; image files are copied as they are)."""
-    start: float = 0.0
+    start: Annotated[float, Range(0, 1e9)] = 0.0
     """Where to begin, after the first colour image [s]."""
-    seconds: float = 10.0
+    seconds: Annotated[float, Range(0, 1e9, above=True)] = 10.0
     """How much to copy [s]."""
     intrinsics: str | None = None
     """fx,fy,cx,cy of the recording's images [px]; before calibration.yaml and known defaults."""
-    depth_scale: float | None = None
+    depth_scale: Scale | None = None
     """Stored depth units per metre, e.g. 1000 or 5000."""
     label_map: str | None = None
     """Which classes the recording's label images hold, if not the 13: nyu40, scannet, or a file of ids, names or

@@ -23,6 +23,7 @@ from dsmap.fusion.evaluate.run import MAX_FRAMES, evaluate_run
 from dsmap.fusion.evaluate.semantics import evaluate_network
 from dsmap.fusion.runs.read_run import SavedRun, load_run
 from dsmap.fusion.segmenter import Segmenter
+from dsmap.ranges import Frames, Scale, Share
 from dsmap.sequences import open_sequence
 from dsmap.sequences.formats.protocol import Options
 from dsmap.sequences.pose_conventions import with_convention
@@ -42,11 +43,11 @@ class Args:
     """Score a network alone: a labelled recording, or PATH or PATH@SPLIT of a data set as `dsmap train` takes them."""
     weights: str | None = None
     """Weights of the network; default: the run's, or those that come with dsmap."""
-    prior: float | None = None
+    prior: Share | None = None
     """Class prior of the network's answers (see `dsmap map`); default: as the run did, or as the weights say."""
     colour_only: bool = False
     """With --data: show the network no geometry, what it makes of photographs without depth."""
-    max_frames: int = MAX_FRAMES
+    max_frames: Frames = MAX_FRAMES
     """Labelled frames that a run's semantics are scored on, evenly spread; 0: all."""
     segmenter: str | None = None
     """Score this segmenter instead of the run's: dsnet, labels, none or module:factory (see `dsmap map`). A run that
@@ -64,7 +65,7 @@ class Args:
     names or colours (docs/guide/labels.md)."""
     intrinsics: str | None = None
     """fx,fy,cx,cy of the reference's images [px]; before calibration.yaml and known defaults."""
-    depth_scale: float | None = None
+    depth_scale: Scale | None = None
     """Stored depth units per metre of the reference."""
 
 

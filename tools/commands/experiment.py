@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal
 import tyro
 
 from dsmap.errors import InputError
+from dsmap.ranges import Range, Seed, Share
 
 Name = Literal["cifar-lk", "cifar-deconvnet", "voc-lk", "voc-nyu", "nyuv2", "rendered-curve"]
 
@@ -52,23 +53,23 @@ class Args:
     """Weights files (nyuv2); default: those that come with dsmap."""
     cells: tuple[str, ...] = ()
     """Only these cells of the table, such as L4K16; default: all."""
-    epochs: int | None = None
+    epochs: Annotated[int | None, Range(1, 100_000)] = None
     """Epochs of CIFAR-10, instead of the setting's."""
     stem_stride: Literal[1, 2] | None = None
     """Stride of DS-Net's first convolution on CIFAR-10, instead of the setting's."""
-    dropout: float | None = None
+    dropout: Share | None = None
     """Dropout of DS-Net on CIFAR-10, instead of the setting's."""
-    folds: int | None = None
+    folds: Annotated[int | None, Range(1, 100)] = None
     """CIFAR-10: folds that are held back in turn; 10: ten-fold cross validation."""
-    seeds: int | None = None
+    seeds: Annotated[int | None, Range(1, 1000)] = None
     """CIFAR-10: trainings of every cell and fold."""
-    steps: int | None = None
+    steps: Annotated[int | None, Range(1, 1_000_000_000)] = None
     """Steps of every segmentation training, instead of the setting's."""
-    seed: int = 0
+    seed: Seed = 0
     """Of initial weights, order, augmentation and dropout."""
     device: str = "cpu"
     """cpu or cuda."""
-    workers: int = 1
+    workers: Annotated[int, Range(0, 256)] = 1
     """Processes that prepare images for segmentation; 0: the training process itself."""
 
 

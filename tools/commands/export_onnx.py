@@ -7,6 +7,7 @@ from typing import Annotated
 import tyro
 
 from dsmap.errors import InputError
+from dsmap.ranges import Range
 
 
 @dataclass
@@ -17,9 +18,9 @@ class Args:
     """Weights of a DS-Net or dsnet-p (safetensors), of any classes, or the name of some that ship."""
     out: Annotated[Path, tyro.conf.Positional]
     """The ONNX file."""
-    size: tuple[int, int] | None = None
+    size: Annotated[tuple[int, int] | None, Range(32, 4096, length=2)] = None
     """Width and height of the images it will take [px], multiples of 32; default: the weights' working size."""
-    batch: int = 1
+    batch: Annotated[int, Range(0, 4096)] = 1
     """Images at once; 0 leaves it open, which makes ONNX Runtime slower."""
 
 

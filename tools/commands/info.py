@@ -7,6 +7,7 @@ import numpy as np
 import tyro
 
 from dsmap.errors import InputError
+from dsmap.ranges import Scale
 from dsmap.sequences import Sequence, open_sequence
 from dsmap.sequences.associate import gaps
 from dsmap.sequences.formats.protocol import Options
@@ -22,7 +23,7 @@ class Args:
     """The recording: a folder, or a file as cameras leave it (docs/guide/recordings.md)."""
     intrinsics: str | None = None
     """fx,fy,cx,cy of the recording's own images [px]; before calibration.yaml and known defaults."""
-    depth_scale: float | None = None
+    depth_scale: Scale | None = None
     """Stored depth units per metre, e.g. 1000 or 5000."""
     label_map: str | None = None
     """Which classes the recording's label images hold, if not the 13: nyu40, scannet, or a file of ids, names or

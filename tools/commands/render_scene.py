@@ -5,13 +5,14 @@ import sys
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 from tqdm import tqdm
 
 from dsmap.cores import usable_cores
 from dsmap.errors import InputError
+from dsmap.ranges import Range, Seed
 from dsmap.tools.support.parse import parse_intrinsics, parse_size
 
 if TYPE_CHECKING:
@@ -32,13 +33,13 @@ class Args:
     """For a scene file: YAML or CSV that maps its names or ids to classes."""
     up: Literal["y", "z"] | None = None
     """For a scene file: which axis points up; default what its format says."""
-    frames: int | None = None
+    frames: Annotated[int | None, Range(1, 1_000_000)] = None
     """Number of frames; default 300, or with --path loop as many as the round trip takes."""
     size: str = "640x480"
     """Image size, WIDTHxHEIGHT."""
-    fps: float = 30.0
+    fps: Annotated[float, Range(0, 1000, above=True)] = 30.0
     """Frames a second of the recording."""
-    seed: int = 1
+    seed: Seed = 1
     """Layout, sizes, colours, textures, lights, camera path and noise all follow from it."""
     path: Literal["walk", "views", "loop", "fast", "cover", "jump"] = "walk"
     """walk = a hand-held video; views = unrelated viewpoints, for training; loop = a round trip. To try a
@@ -58,11 +59,11 @@ class Args:
     """With --noise: a second folder for the same recording without noise, rendered only once."""
     renderer: Literal["warp", "mujoco", "pyrender"] = "warp"
     """warp = ray tracer that needs no OpenGL; mujoco and pyrender need libEGL or a screen."""
-    jobs: int = 0
+    jobs: Annotated[int, Range(0, 1024)] = 0
     """Threads (or, with --count, processes) that render side by side; 0 = one for every core."""
     overwrite: bool = False
     """Replace a sequence that is already in OUT."""
-    count: int = 0
+    count: Annotated[int, Range(0, 1_000_000)] = 0
     """A data set: this many scenes of seeds SEED, SEED + 1, ... in folders of OUT, with a card. Goes on where an
     interrupted run stopped."""
     ray: str | None = None

@@ -11,6 +11,7 @@ import tyro
 from dsmap.dsnet.config import AugmentConfig, NetChoice, TrainConfig
 from dsmap.errors import InputError
 from dsmap.files import atomic_path
+from dsmap.ranges import Range
 from dsmap.tools.support.recipes import load_recipe, parse_stage, words
 
 
@@ -44,7 +45,7 @@ class Args:
     """Go on from the checkpoint in `out`, if there is one."""
     device: str = "cpu"
     """cpu or cuda."""
-    workers: int = 1
+    workers: Annotated[int, Range(0, 256)] = 1
     """Processes that prepare images; 0: the training process itself."""
     log: bool = True
     """Write a TensorBoard log."""

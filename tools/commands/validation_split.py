@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import cv2
 import numpy as np
@@ -14,6 +15,7 @@ from dsmap.dsnet.datasets.view_overlap import choose_blocks, cuts, missing_befor
 from dsmap.errors import InputError
 from dsmap.features import Features
 from dsmap.files import atomic_path
+from dsmap.ranges import Range, Seed
 
 _SIZE = (320, 240)
 
@@ -24,11 +26,11 @@ class Args:
     """Folder of rgb/ and label/ whose images are named by numbers."""
     out: Path
     """Text file for the ranges of numbers, `first-last` a line."""
-    images: int = 92
+    images: Annotated[int, Range(1, 1_000_000)] = 92
     """About how many images to hold back."""
-    blocks: int = 8
+    blocks: Annotated[int, Range(1, 10_000)] = 8
     """In how many blocks of consecutive numbers."""
-    seed: int = 0
+    seed: Seed = 0
     """Of the random choices of blocks that are compared."""
 
 

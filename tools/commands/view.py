@@ -3,12 +3,14 @@
 import time
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 import tyro
 
 from dsmap.errors import InputError
 from dsmap.fusion.runs.ply import read_ply, surfels_of_ply, up_of_ply
+from dsmap.ranges import Range
 from dsmap.sequences.associate import pose_matrix
 from dsmap.sequences.pose_lists import read_poses
 
@@ -19,14 +21,14 @@ class Args:
     """RUN folder that `dsmap map` wrote."""
     png: Path | None = None
     """Write the views as pictures into this folder instead of serving them."""
-    port: int = 8080
+    port: Annotated[int, Range(1, 65_535)] = 8080
     """Port of the viewer; the next free one is taken if it is in use."""
     host: str = "127.0.0.1"
     """Address to listen on. The default is reached from this machine only (or through SSH); 0.0.0.0 lets
     everybody in the network look who knows the whole address, its secret included."""
-    max_points: int = 1_500_000
+    max_points: Annotated[int, Range(1, 1_000_000_000)] = 1_500_000
     """Send at most this many points to the browser; a larger map is thinned out evenly."""
-    min_confidence: float = 10.0
+    min_confidence: Annotated[float, Range(0, 1e9)] = 10.0
     """Show surfels of at least this confidence at first (all, if that would leave out most of the map)."""
 
 

@@ -12,6 +12,7 @@ import tyro
 from dsmap.config_file import field_docs, fill
 from dsmap.errors import InputError
 from dsmap.fusion.config import MapConfig
+from dsmap.ranges import Every, Frames, Scale
 from dsmap.tools.mapping.segmenters import SegmenterSpec
 from dsmap.tools.mapping.spelling import todays_spelling
 
@@ -30,7 +31,7 @@ class Args:
     """Write all parameters, those of --config and of flags included, into this YAML file, and map nothing."""
     overwrite: bool = False
     """Replace the files of an existing RUN."""
-    checkpoint_every: int = 0
+    checkpoint_every: Frames = 0
     """Write the checkpoint after every n-th frame, so that a crash loses no more; 0: only at the end."""
     resume: bool = False
     """Go on with RUN where its checkpoint stopped, with its own parameters; the result is the same bit for bit."""
@@ -46,15 +47,15 @@ class Args:
     """Draw the pictures."""
     size: str | None = None
     """Resize frames to WIDTHxHEIGHT first, e.g. 320x240."""
-    start: int = 0
+    start: Frames = 0
     """Begin at this frame (after association)."""
-    stop: int | None = None
+    stop: Frames | None = None
     """Stop before this frame."""
-    stride: int = 1
+    stride: Every = 1
     """Take every n-th frame."""
     intrinsics: str | None = None
     """fx,fy,cx,cy of the recording's own images [px]; before calibration.yaml and known defaults."""
-    depth_scale: float | None = None
+    depth_scale: Scale | None = None
     """Stored depth units per metre, e.g. 1000 or 5000."""
     color_topic: str | None = None
     """Topic of the colour images of a bag; without it dsmap looks for one."""

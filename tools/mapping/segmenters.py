@@ -10,6 +10,7 @@ import tyro
 from dsmap.errors import InputError
 from dsmap.fusion.labels.semantics import GroundTruthSegmenter, Noise
 from dsmap.fusion.segmenter import Segmenter
+from dsmap.ranges import Seed, Share
 
 
 @dataclass
@@ -22,16 +23,16 @@ class SegmenterSpec:
     weights: str | None = None
     """Weights of the network: a file, or one that comes with dsmap: dsnet-p (default; colour and geometry) or dsnet
     (the paper's, small, colour alone)."""
-    label_noise: float = 0.0
+    label_noise: Share = 0.0
     """Corrupt this share of the recording's own labels (a test of label fusion)."""
     label_noise_kind: Noise = "pixels"
     """How labels are corrupted: pixels: each alone; blobs: 20 px patches drawn anew a frame; confusion: chair becomes
     sofa."""
-    seed: int = 0
+    seed: Seed = 0
     """Seed of label corruption."""
     engine: Literal["auto", "torch", "onnx"] = "auto"
     """What runs the network: torch, onnx (ONNX Runtime, CPU), or auto: the faster one that is installed."""
-    prior: float | None = None
+    prior: Share | None = None
     """Class prior of the network's answers: 0 as frequent as in its training data (most pixels right), 1 all classes
     alike (best average over classes); without it as the weights say."""
 

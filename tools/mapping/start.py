@@ -18,6 +18,7 @@ from dsmap.fusion.runs.resume import mapper_in_saved_map, resumed_mapper
 from dsmap.fusion.runs.run_folder import CHECKPOINT
 from dsmap.fusion.segmenter import Segmenter
 from dsmap.kernels.runtime import chosen_device
+from dsmap.reading import reading
 from dsmap.sequences import Sequence
 from dsmap.tools.mapping.options import OF_A_CALL, Args, options_of, plain_values, with_values
 from dsmap.tools.mapping.presets import load_preset, option
@@ -36,7 +37,7 @@ def default_args(usual: Args, argv: list[str]) -> Args:
     if "--resume" in argv and out is not None:
         path = checkpoint_of(Path(out))
         values = read_metadata(path)["run"].get("command")
-        if values is None:
+        if not isinstance(values, dict):
             raise InputError(f"{path}: not written by `dsmap map`; expected a RUN folder of it")
         return _without_code(with_values(usual, values, str(path)), str(path), argv)
     if name is None:
@@ -181,9 +182,10 @@ def _resume(args: Args, config: MapConfig, sequence: Sequence, segmenter: Segmen
         )
     mapper = resumed_mapper(surfels, meta, str(path), sequence.intrinsics, segmenter, config)
     state = RunState(mapper, lambda now: _save(args, now))
-    state.done = meta["run"]["done"]
-    state.skipped = [(int(index), str(reason)) for index, reason in meta["run"]["skipped"]]
-    state.wall_s = meta["run"]["wall_s"]
+    with reading(path, "a checkpoint of `dsmap map`"):
+        state.done = meta["run"]["done"]
+        state.skipped = [(int(index), str(reason)) for index, reason in meta["run"]["skipped"]]
+        state.wall_s = meta["run"]["wall_s"]
     stamps = meta["times"][mapper.first_frame :]
     if len(sequence) < len(stamps) or (sequence.times[: len(stamps)] != stamps).any():
         raise InputError(
