@@ -173,7 +173,7 @@ def _info(path: Path, header: dict) -> WeightsInfo:
             f"{path}: temperature {info.temperature} and prior {info.prior}, expected > 0 and 0 to 1"
         )
     if info.config.classes != len(names):
-        raise InputError(f"{path}: {info.config.classes} classes and {len(names)} names, expected as many")
+        raise InputError(f"{path}: classes are {brief(names)}, expected {info.config.classes} of them")
     if info.shares and not len(info.shares) == len(info.balance) == len(info.class_names):
         raise InputError(
             f"{path}: shares and balance of other classes, expected {len(info.class_names)} of each"

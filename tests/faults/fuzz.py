@@ -68,7 +68,13 @@ class Fuzzer:
         subject = self.chosen[int(rng.choice(len(self.chosen), p=shares / shares.sum()))]
         prepared = self._prepare(subject)
         call = subject.calls[int(rng.integers(len(subject.calls)))]
-        base, words = self._unharmed(subject, call)
+        try:
+            base, words = self._unharmed(subject, call)
+        except RuntimeError as error:
+            print(error, file=sys.stderr)
+            return Case(
+                number, subject.name, call, "nothing", runner.Outcome("fine", 0, "", str(error), 0.0, 0, "")
+            )
         inside, out = self._fresh(subject)
         target = prepared.files[int(rng.integers(len(prepared.files)))]
         kinds = [damage.damage(rng, inside / target, prepared.special[target])]

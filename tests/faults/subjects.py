@@ -425,7 +425,9 @@ SUBJECTS: tuple[Subject, ...] = (
         "evaluate --data {in}/set --engine torch --weights {in}/net.safetensors --out {out}/m.json", f"train --out {{out}}/net --data {{in}}/set --val {{in}}/rec {TRAIN}",
         "validation-split {in}/set --out {out}/split.txt --images 1 --blocks 1",
     ), ("set/**/*", "rec/**/*"), weight=2, sealed=PIXELS),
-    *(Subject(f"cifar-{kind}", build, ("cifar {in}",), weight=1.5) for kind, build in (("binary", cifar("binary")), ("python", cifar("python")), ("batch", cifar_batch))),
+    *(Subject(f"cifar-{kind}", build, (f"cifar {{in}}/{place}",), weight=1.5) for kind, build, place in (
+        ("binary", cifar("binary"), "cifar.tar.gz"), ("python", cifar("python"), "cifar.tar.gz"), ("batch", cifar_batch, "cifar"),
+    )),
 )  # fmt: skip
 
 

@@ -13,7 +13,7 @@ from safetensors import safe_open
 from safetensors.numpy import load_file, save_file
 from wall_corner import INTRINSICS
 
-from dsmap.errors import InputError
+from dsmap.errors import InputError, InputWarning
 from dsmap.frame import Frame
 from dsmap.fusion.config import LabelConfig, MapConfig
 from dsmap.fusion.labels.semantics import GroundTruthSegmenter
@@ -22,6 +22,7 @@ from dsmap.fusion.mapper import Mapper
 from dsmap.fusion.runs.checkpoint import FORMAT, load_map, read_metadata, save_map
 from dsmap.fusion.runs.resume import mapper_in_saved_map, resumed_mapper
 from dsmap.fusion.runs.run_folder import save_run
+from dsmap.tensor_files import write_tensors
 
 
 def everything(m: Mapper) -> dict[str, np.ndarray]:
@@ -172,13 +173,34 @@ def test_maps_without_keyframes_and_other_cameras_are_refused(saved, tmp_path):
 
 
 def rewritten(path, out, metadata=(), tensors=()):
-    """A copy of a checkpoint with other metadata and tensors (None takes one out)."""
+    """A copy of a checkpoint with other metadata and tensors (None takes one out), and a checksum that fits."""
     with safe_open(path, framework="np") as file:
         old = file.metadata()
     texts = {k: v for k, v in (old | dict(metadata)).items() if v is not None}
     arrays = {k: v for k, v in (load_file(path) | dict(tensors)).items() if v is not None}
-    save_file(arrays, out, metadata=texts)
+    write_tensors(out, arrays, texts)
     return out
+
+
+def test_checksums_are_held_against_what_is_there(saved, tmp_path):
+    path, whole = saved[0], saved[0].read_bytes()
+    bad = tmp_path / "bad.safetensors"
+    rng = np.random.default_rng(0)
+    for at in rng.integers(8, len(whole), 30):  # a bit of header, words or tensors
+        bad.write_bytes(whole[:at] + bytes([whole[at] ^ 1 << int(rng.integers(8))]) + whole[at + 1 :])
+        with pytest.raises(InputError, match=r"bad\.safetensors"):
+            load_map(bad)
+    with safe_open(path, framework="np") as file:
+        words = file.metadata()
+    arrays = load_file(path)
+    save_file(arrays, bad, metadata={k: v for k, v in words.items() if k != "checksum"})
+    with pytest.raises(InputError, match="checksum is missing"):
+        load_map(bad)
+    older = {**words, "format": "dsmap.map/2"}
+    del older["checksum"]
+    save_file(arrays, bad, metadata=older)
+    with pytest.warns(InputWarning, match="without a checksum"):
+        assert load_map(bad)[0].count == len(arrays["position"])
 
 
 def test_foreign_older_and_damaged_checkpoints_are_refused(saved, tmp_path):
