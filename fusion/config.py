@@ -267,25 +267,25 @@ class MovingConfig:
 class SegmentConfig:
     """Geometric segments of the finished map, and the things that are made of them."""
 
-    cell: float = 0.02
+    cell: Annotated[float, Range(0.001, 10)] = 0.02
     """Surfels are grouped into cells of this side [m]."""
-    scale: float = 3.0
+    scale: Annotated[float, Range(0, 1e6)] = 3.0
     """How reluctantly segments part: larger makes larger segments."""
-    min_area: float = 0.004
+    min_area: Annotated[float, Range(0, 1000)] = 0.004
     """Smaller segments [m^2] join a neighbour..."""
-    small_cost: float = 0.5
+    small_cost: Annotated[float, Range(0, 1e6)] = 0.5
     """... unless the crease between them costs more than this (1: a right angle)."""
-    colour: float = 2.0
+    colour: Annotated[float, Range(0, 1e6)] = 2.0
     """Cost of a step in colour, RGB in [0, 1], against that of a concave right angle (1)."""
-    label: float = 1.0
+    label: Annotated[float, Range(0, 1e6)] = 1.0
     """Cost of neighbours that have no class in common."""
-    weight: float = 0.8
+    weight: Share = 0.8
     """Share of its segment in a surfel's log probabilities; 0: nothing changes, 1: a segment has one class."""
-    sharpness: float = 1.2
+    sharpness: Annotated[float, Range(0, 100)] = 1.2
     """Power of the pooled probabilities: what most of a segment says is right more often than its share."""
-    least_thing: float = 0.008
+    least_thing: Annotated[float, Range(0, 1e6)] = 0.008
     """Surface of the smallest thing [m^2]; smaller pieces of one class belong to nothing."""
-    least_plane: float = 0.15
+    least_plane: Annotated[float, Range(0, 1e6)] = 0.15
     """Surface of the smallest piece of wall, floor, ceiling or window [m^2]."""
 
 
