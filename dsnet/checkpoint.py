@@ -137,7 +137,9 @@ def load_weights(
     if odd is not None:
         raise InputError(f"{path}: {odd} holds numbers that are none, expected finite weights")
     with torch.device("meta"):  # costs no memory: sizes are compared before any is asked for
-        shapes = {name: tuple(tensor.shape) for name, tensor in build_network(info.config).state_dict().items()}
+        shapes = {
+            name: tuple(tensor.shape) for name, tensor in build_network(info.config).state_dict().items()
+        }
     found = {name: tuple(tensor.shape) for name, tensor in tensors.items()}
     if found != shapes:
         name = min(name for name in found.keys() | shapes.keys() if found.get(name) != shapes.get(name))
