@@ -272,21 +272,43 @@ class SegmentConfig:
     scale: Annotated[float, Range(0, 1e6)] = 3.0
     """How reluctantly segments part: larger makes larger segments."""
     min_area: Annotated[float, Range(0, 1000)] = 0.004
-    """Smaller segments [m^2] join a neighbour..."""
+    """Segments smaller than this [m^2] join the neighbour that they are least parted from."""
     small_cost: Annotated[float, Range(0, 1e6)] = 0.5
-    """... unless the crease between them costs more than this (1: a right angle)."""
+    """Small segments stay apart where the crease between them costs more than this (1: a right angle)."""
     colour: Annotated[float, Range(0, 1e6)] = 2.0
     """Cost of a step in colour, RGB in [0, 1], against that of a concave right angle (1)."""
     label: Annotated[float, Range(0, 1e6)] = 1.0
     """Cost of neighbours that have no class in common."""
     weight: Share = 0.8
     """Share of its segment in a surfel's log probabilities; 0: nothing changes, 1: a segment has one class."""
-    sharpness: Annotated[float, Range(0, 100)] = 1.2
+    sharpness: Annotated[float, Range(0, 100, above=True)] = 1.3
     """Power of the pooled probabilities: what most of a segment says is right more often than its share."""
     least_thing: Annotated[float, Range(0, 1e6)] = 0.008
     """Surface of the smallest thing [m^2]; smaller pieces of one class belong to nothing."""
     least_plane: Annotated[float, Range(0, 1e6)] = 0.15
     """Surface of the smallest piece of wall, floor, ceiling or window [m^2]."""
+
+
+@dataclass
+class CrfConfig:
+    """The fully connected CRF over a finished map, with SemanticFusion's weights (McCormac et al. 2017)."""
+
+    cell: Annotated[float, Range(0.001, 10)] = 0.02
+    """Surfels are grouped into cells of this side [m]."""
+    iterations: Annotated[int, Range(0, 1000)] = 10
+    """Mean field steps."""
+    position: Annotated[float, Range(0.001, 10)] = 0.05
+    """Standard deviation of both kernels in space [m]."""
+    colour: Annotated[float, Range(0, 1e6, above=True)] = 20.0
+    """Standard deviation of the colour kernel, RGB in 0..255."""
+    normal: Annotated[float, Range(0, 1e6, above=True)] = 0.1
+    """Standard deviation of the normal kernel [rad]."""
+    weight_colour: Annotated[float, Range(0, 1e6)] = 10.0
+    """Weight of the kernel of position and colour."""
+    weight_normal: Annotated[float, Range(0, 1e6)] = 3.0
+    """Weight of the kernel of position and normal."""
+    temperature: Annotated[float, Range(0, 1000, above=True)] = 3.0
+    """The refined log probabilities are divided by this."""
 
 
 @dataclass

@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from dsmap.files import write_yaml
-from dsmap.fusion.config import SegmentConfig
+from dsmap.fusion.config import CrfConfig, SegmentConfig
+from dsmap.fusion.objects.crf import refine_by_crf
 from dsmap.fusion.objects.files import write_objects
 from dsmap.fusion.objects.pooling import pool_probabilities, set_probabilities
 from dsmap.fusion.objects.segments import segment_map, set_segments
@@ -33,6 +34,15 @@ def by_segments(config: SegmentConfig) -> Refined:
         segment = segment_map(arrays, config, probabilities)
         set_segments(surfels, segment)
         return pool_probabilities(probabilities, arrays["observations"], segment, config)
+
+    return refine
+
+
+def by_crf(config: CrfConfig) -> Refined:
+    """Refinement by SemanticFusion's CRF (see `fusion.objects.crf`)."""
+
+    def refine(surfels: SurfelMap, probabilities: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return refine_by_crf(surfels.numpy(), probabilities, config, surfels.device)
 
     return refine
 
