@@ -68,7 +68,7 @@ def rewrite_map(source: Path | str, target: Path | str, surfels: SurfelMap) -> N
         WriteError: the target cannot be written.
     """
     arrays, metadata = _read_text(Path(source), with_arrays=True)
-    write_tensors(target, arrays | dict(surfels.numpy()), metadata, durable=True)
+    write_tensors(target, arrays | dict(surfels.numpy()), metadata | {"format": FORMAT}, durable=True)
 
 
 def read_metadata(path: Path | str) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 import json
 
+import corner_frames
 import numpy as np
 import pytest
 import reference_segments
@@ -9,14 +10,19 @@ from synthetic_map import map_of, room_arrays
 
 from dsmap.classes import CLASS_NAMES
 from dsmap.fusion.config import SegmentConfig
+from dsmap.fusion.labels.semantics import GroundTruthSegmenter
+from dsmap.fusion.mapper import Mapper
 from dsmap.fusion.objects.boxes import EDGES, Box, fit_box, overlap
 from dsmap.fusion.objects.files import graph_tree, objects_tree, write_objects
 from dsmap.fusion.objects.pooling import pool_probabilities, set_probabilities
 from dsmap.fusion.objects.relations import find_relations
 from dsmap.fusion.objects.segments import segment_map
 from dsmap.fusion.objects.things import SceneObjects, find_objects
+from dsmap.fusion.runs.read_run import load_run
+from dsmap.fusion.runs.run_folder import save_run
 from dsmap.kernels.label import posterior
 from dsmap.kernels.segment_graph import join_cells
+from dsmap.tools.cli import run
 
 UP = np.array([0.0, 0.0, 1.0])
 CONFIG = SegmentConfig(cell=0.04)
@@ -191,3 +197,21 @@ def test_a_box_turns_with_its_points():
     box = fit_box(points, UP)
     np.testing.assert_allclose(box.extent, [2.0, 1.0, 0.4], rtol=0.08)
     assert abs(box.T_world_box[:3, 0] @ turn[:, 0]) > 0.99
+
+
+@pytest.mark.parametrize("method", ["segments", "crf"])
+def test_a_refined_run_is_a_run(method, tmp_path):
+    mapper = Mapper(corner_frames.config(poses="given"), corner_frames.INTRINSICS, GroundTruthSegmenter(0.2))
+    for frame in corner_frames.frames(4):
+        mapper.step(frame)
+    (tmp_path / "run").mkdir()
+    save_run(mapper, tmp_path / "run", objects=False)
+    argv = [str(tmp_path / "run"), "--out", str(tmp_path / "out"), "--method", method]
+    assert run("refine", argv) == 0
+    before, after = load_run(tmp_path / "run"), load_run(tmp_path / "out")
+    assert (after.surfels.numpy()["segment"] > 0).any() and not before.surfels.numpy()["segment"].any()
+    np.testing.assert_array_equal(before.poses, after.poses)
+    assert (before.surfels.numpy()["label"] != after.surfels.numpy()["label"]).any()
+    assert json.loads((tmp_path / "out" / "objects.json").read_text())["structure"]
+    assert run("refine", argv) == 2, "the folder is not empty"
+    assert run("refine", [*argv[:2], argv[0]]) == 2, "the run itself"
