@@ -14,12 +14,14 @@ from dsmap.fusion.stage_clock import StageClock
 from dsmap.fusion.state import part_of, with_prefix
 from dsmap.fusion.surfels.model import SurfelModel
 from dsmap.fusion.surfels.model_view import ModelView
+from dsmap.fusion.tracking.image_content import Colours
 from dsmap.fusion.tracking.motion_filter import MotionFilter
 from dsmap.fusion.tracking.moving_things import MovingThings, mask_depth, with_edges
 from dsmap.fusion.tracking.pose_check import PoseCheck
 from dsmap.fusion.tracking.rolling_shutter import row_motion, undo_rolling_shutter
 from dsmap.fusion.tracking.tracker import Health, Tracker
 from dsmap.fusion.trajectory import TrajectoryPoint, extrapolated
+from dsmap.kernels.fuse import FusedColours
 from dsmap.kernels.types import FrameMaps
 
 _MIN_DEPTH_PIXELS = 0.02
@@ -43,6 +45,16 @@ class Located:
     """Tracking had lost this frame; it was found again by keyframes."""
     moving: float = 0.0
     """Share of the image that moves."""
+    colours: Colours = Colours.GOOD
+    """What the frame's colours are good for."""
+
+    @property
+    def fused_colours(self) -> FusedColours:
+        """Which surfels take on the frame's colours: none of what is untrue; of another exposure only new ones."""
+        if self.colours is Colours.UNTRUE:
+            return FusedColours.NONE
+        comparable = self.health is None or self.health.comparable
+        return FusedColours.ALL if comparable else FusedColours.NEW
 
 
 class Locator:
@@ -78,15 +90,16 @@ class Locator:
             trajectory: of all frames before this one.
         """
         with self._clock.stage("track"):
-            located = self._find(frame, Located(T_world_last, maps, False), trajectory)
+            colours = self.tracker.colours(maps[-1].surface)
+            located = self._find(frame, Located(T_world_last, maps, False, colours=colours), trajectory)
         if located.tracked:
             with self._clock.stage("moving"):
                 located = self._set_movers_apart(located, trajectory, frame.pose_time)
         return located
 
-    def remember(self, maps: Sequence[FrameMaps]) -> None:
+    def remember(self, maps: Sequence[FrameMaps], colours: Colours) -> None:
         """Keep a tracked frame, as it was taken, for the next one's pre-alignment."""
-        self.tracker.remember(maps[-1].intensity)
+        self.tracker.remember(maps[-1].surface, colours)
 
     def state(self) -> dict[str, Any]:
         """What is carried from frame to frame."""
@@ -120,7 +133,8 @@ class Locator:
             return replace(last, reason="no pose is given for this frame")
         T = np.asarray(frame.T_world_camera, dtype=np.float64)
         rows = row_motion(self.config.shutter_s, trajectory, frame.pose_time, np.eye(4))
-        return Located(T, undo_rolling_shutter(self.model.cameras, last.maps, rows, T), True)
+        maps = undo_rolling_shutter(self.model.cameras, last.maps, rows, T)
+        return replace(last, T_world_camera=T, maps=maps, tracked=True)
 
     def _track(
         self, last: Located, view: ModelView, trajectory: Sequence[TrajectoryPoint], pose_time: float
@@ -141,13 +155,13 @@ class Locator:
         starts += [(False, T, None) for T in extrapolated(trajectory)[:1]]
         for first, T_start, motion in starts:
             T_view_camera, health = self.tracker.track(
-                last.maps, view, T_view_world @ T_start, first, motion, rows
+                last.maps, view, T_view_world @ T_start, first, motion, rows, last.colours
             )
             T = orthonormal(view.T_world_camera @ T_view_camera)
             still = undo_rolling_shutter(self.model.cameras, last.maps, rows, T_view_camera)
-            reason = self.check.reason_to_reject(still, T, health, trajectory, t_min, not first)
+            reason = self.check.reason_to_reject(still, T, health, trajectory, t_min, not first, last.colours)
             if not reason:
-                return Located(T, still, True, health=health)
+                return replace(last, T_world_camera=T, maps=still, tracked=True, reason="", health=health)
             last = replace(last, reason=reason, health=health)
         return last if gap else self._recover(last, trajectory)
 
@@ -176,9 +190,13 @@ class Locator:
         if moving is not None:
             expected = self.motion.expected(trajectory, pose_time, T_view_world)
             still = mask_depth(located.maps, moving)
-            T_still, health_still = self.tracker.track(still, view, T_view_camera, False, expected)
+            T_still, health_still = self.tracker.track(
+                still, view, T_view_camera, False, expected, colours=located.colours
+            )
             T, t_min = orthonormal(view.T_world_camera @ T_still), self.model.view_t_active
-            if not self.check.reason_to_reject(located.maps, T, health_still, trajectory, t_min):
+            if not self.check.reason_to_reject(
+                located.maps, T, health_still, trajectory, t_min, colours=located.colours
+            ):
                 T_world_camera, T_view_camera, health = T, T_still, health_still
         self.motion.learn(trajectory, pose_time, T_world_camera, T_view_camera, health.covariance)
         return replace(located, T_world_camera=T_world_camera, health=health)

@@ -18,6 +18,7 @@ from dsmap.fusion.objects.things import SceneObjects, find_objects
 from dsmap.fusion.segmenter import Segmenter
 from dsmap.fusion.stage_clock import StageClock, StageTime
 from dsmap.fusion.surfels.model import SurfelModel
+from dsmap.fusion.tracking.image_content import Colours
 from dsmap.fusion.tracking.tracker import Health
 from dsmap.fusion.trajectory import Trajectory, TrajectoryPoint
 from dsmap.kernels.label import posterior
@@ -119,9 +120,13 @@ class Mapper:
         inserted, segmented, loop = 0, False, None
         if located.tracked:
             finest = located.maps[0]
-            inserted = model.integrate(finest, T, time, clock)
+            inserted = model.integrate(finest, T, time, clock, located.fused_colours)
             with clock.stage("segment"):
-                probabilities = self.labeller.probabilities(frame, finest, T, model.surfels, self.trajectory)
+                probabilities = None
+                if located.colours is not Colours.UNTRUE:
+                    probabilities = self.labeller.probabilities(
+                        frame, finest, T, model.surfels, self.trajectory
+                    )
             with clock.stage("label"):
                 segmented = model.label(finest, T, probabilities)
             if located.relocalised or model.is_stale(T, time) or self.closer.is_due(time, T):
@@ -133,7 +138,7 @@ class Mapper:
                     )
                     loop = self.closer.close(query)
                 T = self.T_world_camera = self.trajectory[-1].T_world_camera.copy()
-            self.locator.remember(maps)
+            self.locator.remember(maps, located.colours)
             model.last_fused = time
         clock.end()
         return StepResult(

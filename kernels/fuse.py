@@ -2,6 +2,7 @@
 
 import functools
 import math
+from enum import IntEnum
 
 import numpy as np
 import warp as wp
@@ -15,6 +16,17 @@ SIGMA = 0.6
 """Width of the sample weight over the normalised distance from the image centre (Keller et al. 2013)."""
 RADIUS_RATIO = 1.5
 """A sample with a radius beyond this multiple of the surfel's is too coarse to be averaged in."""
+NO_COLOUR = wp.constant(wp.float32(1e-4))
+"""Red, green and blue of a surfel whose colour is not known yet: black, but no value of an 8-bit image."""
+
+
+class FusedColours(IntEnum):
+    """Which surfels take on the colours of a frame."""
+
+    NONE = 0
+    NEW = 1
+    """New ones, and those that have none yet."""
+    ALL = 2
 
 
 @wp.struct
@@ -23,6 +35,7 @@ class Fusion:
 
     time: wp.int32  # frame number
     max_weight: wp.float32  # surfel confidence saturates here
+    colours: wp.int32  # FusedColours
 
 
 @functools.lru_cache(maxsize=8)
@@ -132,7 +145,11 @@ def _average(
                 share = a / (w + a)
                 position[i] = wp.lerp(position[i], transform(T_world_camera, vertex_map[y, x]), share)
                 normal[i] = wp.normalize(wp.lerp(normal[i], rotate(T_world_camera, normal_map[y, x]), share))
-                colour[i] = wp.lerp(colour[i], colour_map[y, x], share)
+                if fusion.colours > 0:
+                    if colour[i][0] == NO_COLOUR:
+                        colour[i] = colour_map[y, x]
+                    elif fusion.colours == 2:
+                        colour[i] = wp.lerp(colour[i], colour_map[y, x], share)
                 radius[i] = wp.lerp(radius[i], radius_map[y, x], share)
             weight[i] = wp.min(w + a, fusion.max_weight)
             t_updated[i] = fusion.time
@@ -172,7 +189,9 @@ def _insert(
             i = first + rank[y * camera.width + x]
             position[i] = transform(T_world_camera, vertex_map[y, x])
             normal[i] = rotate(T_world_camera, normal_map[y, x])
-            colour[i] = colour_map[y, x]
+            colour[i] = wp.vec3(NO_COLOUR, NO_COLOUR, NO_COLOUR)
+            if fusion.colours > 0:
+                colour[i] = colour_map[y, x]
             weight[i] = columns[x] * rows[y]
             radius[i] = radius_map[y, x]
             t_created[i] = fusion.time
@@ -193,6 +212,7 @@ def fuse_frame(
     *,
     time: int,
     max_weight: float = math.inf,
+    colours: FusedColours = FusedColours.ALL,
 ) -> int:
     """Fuse a frame (its level-0 maps) into the map; returns how many surfels were inserted.
 
@@ -205,12 +225,13 @@ def fuse_frame(
     surfel of its 3x3 neighbourhood lies within one pixel footprint d/f of it along the surface. Without
     that rule every small motion leaves pixels without a surfel of their own and the map fills with
     copies; with it there is about one surfel a pixel of the finest view. New surfels are appended in
-    image order. match: int32, shape (H, W), from `associate`; time: frame number.
+    image order. match: int32, shape (H, W), from `associate`; time: frame number; colours: which surfels take
+    on the frame's; without any, new ones are NO_COLOUR, which the next colour replaces.
     """
     m, device, shape = surfels, surfels.device, match.shape
     to_world, from_world = to_transform(T_world_camera), to_transform(np.linalg.inv(T_world_camera))
     fusion = Fusion()
-    fusion.time, fusion.max_weight = time, max_weight
+    fusion.time, fusion.max_weight, fusion.colours = time, max_weight, int(colours)
     columns, rows = _sample_weights(camera.width, camera.height, str(device))
     is_new = wp.empty(shape, dtype=wp.int32, device=device)
     inputs = [camera, from_world, frame.vertex, frame.normal, frame.edge, match, m.position]

@@ -135,6 +135,8 @@ class Relocaliser:
             return f"point-to-plane RMS {health.rms_icp * 1e3:.1f} mm"
         seen = predict_at(T).level(0)
         found = agreement(maps[0], seen.vertex, seen.intensity, config)
+        if not found.coloured:  # shapes alone are alike in many places
+            return "frame or model show nothing by their colours"
         certain = found.seen_through <= config.certain_seen_through
         return reason_to_reject(found, config) or Relocation(T, keyframe, similarity, health, found, certain)
 
@@ -149,5 +151,5 @@ class Relocaliser:
         """T_keyframe_camera from the two small views: rotation only first, then all six."""
         last = preprocess(keyframe.rgb, keyframe.depth, self._small_cameras, _CPU)
         model = ModelView(last[0].vertex, last[0].normal, last[0].intensity, _SMALL_LEVELS, np.eye(4))
-        self._small.remember(last[-1].intensity)
+        self._small.remember(last[-1].surface)
         return self._small.track(preprocess(view.rgb, view.depth, self._small_cameras, _CPU), model)

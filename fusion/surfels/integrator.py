@@ -9,7 +9,7 @@ from dsmap.fusion.config import MapConfig
 from dsmap.fusion.surfels.views import Views
 from dsmap.kernels.associate import associate_surfels
 from dsmap.kernels.compact import Compaction
-from dsmap.kernels.fuse import fuse_frame
+from dsmap.kernels.fuse import FusedColours, fuse_frame
 from dsmap.kernels.label import update_labels
 from dsmap.kernels.label_smooth import smooth_probabilities
 from dsmap.kernels.prune import prune
@@ -45,9 +45,17 @@ class Integrator:
             visible=self.visible,
         )  # fmt: skip
 
-    def fuse(self, T_world_camera: np.ndarray, maps: FrameMaps, time: int) -> int:
+    def fuse(
+        self,
+        T_world_camera: np.ndarray,
+        maps: FrameMaps,
+        time: int,
+        colours: FusedColours = FusedColours.ALL,
+    ) -> int:
         """Average the frame into its surfels and insert what is new; returns how many surfels are."""
-        return fuse_frame(self.views.surfels, self._camera, T_world_camera, maps, self._match, time=time)
+        return fuse_frame(
+            self.views.surfels, self._camera, T_world_camera, maps, self._match, time=time, colours=colours
+        )
 
     def clean_up(self, T_world_camera: np.ndarray, maps: FrameMaps, time: int, t_active: int) -> None:
         """Take out what was never confirmed, what the frame sees through and what is there twice."""

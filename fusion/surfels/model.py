@@ -13,6 +13,7 @@ from dsmap.fusion.surfels.model_view import ModelView
 from dsmap.fusion.surfels.views import Views, pyramid_cameras, view_is_stale
 from dsmap.kernels.compact import Compaction
 from dsmap.kernels.culling import Blocks
+from dsmap.kernels.fuse import FusedColours
 from dsmap.kernels.reactivate import reactivate
 from dsmap.kernels.runtime import chosen_device
 from dsmap.kernels.types import FrameMaps, SurfelMap
@@ -74,7 +75,14 @@ class SurfelModel:
         """The compaction under way."""
         return self.integrator.compaction
 
-    def integrate(self, maps: FrameMaps, T_world_camera: np.ndarray, time: int, clock: StageClock) -> int:
+    def integrate(
+        self,
+        maps: FrameMaps,
+        T_world_camera: np.ndarray,
+        time: int,
+        clock: StageClock,
+        colours: FusedColours = FusedColours.ALL,
+    ) -> int:
         """Take a frame into the map: associate, fuse, clean up; returns how many surfels are new."""
         t_active = self.t_active
         if self.frozen:
@@ -83,7 +91,7 @@ class SurfelModel:
         with clock.stage("associate"):
             self.integrator.associate(T_world_camera, maps, t_active)
         with clock.stage("fuse"):
-            inserted = self.integrator.fuse(T_world_camera, maps, time)
+            inserted = self.integrator.fuse(T_world_camera, maps, time, colours)
         with clock.stage("clean up"):
             self.integrator.clean_up(T_world_camera, maps, time, t_active)
         return inserted

@@ -8,6 +8,7 @@ import numpy as np
 import warp as wp
 
 from dsmap.fusion.config import RelocaliseConfig
+from dsmap.fusion.tracking.image_content import FAINT, contrast, detail, share, window
 from dsmap.kernels.types import FrameMaps
 
 _RIVAL_WIDTH = 160
@@ -17,7 +18,7 @@ _FARTHEST = 0.4
 _LEAST_SHARED = 0.4
 """Shifts that leave less than this share of the common pixels are not considered."""
 _WINDOW = np.ones((3, 3), np.uint8)
-_FAINT = 0.01
+_GRAIN = 0.01
 """Texture weaker than this (intensity in [0, 1]) is noise."""
 
 
@@ -37,6 +38,8 @@ class Agreement:
     """The same with contrast made alike everywhere: grain counts as much as outlines."""
     rival: float
     """What `texture` gains if the image is shifted by up to two fifths of its size: true poses gain nothing."""
+    coloured: bool = True
+    """Whether both images show anything by their colours; if not, `ncc`, `texture` and `rival` tell nothing."""
 
 
 def agreement(frame: FrameMaps, vertex: wp.array, intensity: wp.array, config: RelocaliseConfig) -> Agreement:
@@ -64,6 +67,7 @@ def agreement(frame: FrameMaps, vertex: wp.array, intensity: wp.array, config: R
     total = max(np.count_nonzero(both), 1)
     light, model_light = (image.numpy()[::skip, ::skip] for image in (frame.intensity, intensity))
     texture, rival = texture_match(light, model_light, same)
+    coloured = min(contrast(light, same), contrast(model_light, same)) > FAINT
     return Agreement(
         overlap=float(np.count_nonzero(both) / max(np.count_nonzero(z > 0), 1)),
         same=float(np.count_nonzero(same) / total),
@@ -71,11 +75,16 @@ def agreement(frame: FrameMaps, vertex: wp.array, intensity: wp.array, config: R
         ncc=correlation(light, model_light, same),
         texture=texture,
         rival=rival,
+        coloured=coloured,
     )
 
 
-def reason_to_reject(found: Agreement, config: RelocaliseConfig) -> str:
-    """Why a pose is not believed, in words; empty if it is."""
+def reason_to_reject(found: Agreement, config: RelocaliseConfig, by_colour: bool = True) -> str:
+    """Why a pose is not believed, in words; empty if it is.
+
+    by_colour: the frame's colours are to be believed. Where they, or those of the model, show nothing, depth decides.
+    """
+    by_colour = by_colour and found.coloured
     reasons = [
         (found.overlap < config.min_overlap, f"the model covers only {found.overlap:.0%} of the depth image"),
         (
@@ -83,9 +92,15 @@ def reason_to_reject(found: Agreement, config: RelocaliseConfig) -> str:
             f"{found.seen_through:.0%} of the model is seen through",
         ),
         (found.same < config.min_same, f"only {found.same:.0%} of the depths agree with the model"),
-        (found.ncc < config.min_ncc, f"the colours do not correlate ({found.ncc:.2f})"),
-        (found.texture < config.min_texture, f"the texture does not correlate ({found.texture:.2f})"),
-        (found.rival > config.max_rival, f"shifted, the colours correlate better (by {found.rival:.2f})"),
+        (by_colour and found.ncc < config.min_ncc, f"the colours do not correlate ({found.ncc:.2f})"),
+        (
+            by_colour and found.texture < config.min_texture,
+            f"the texture does not correlate ({found.texture:.2f})",
+        ),
+        (
+            by_colour and found.rival > config.max_rival,
+            f"shifted, the colours correlate better (by {found.rival:.2f})",
+        ),
     ]
     return next((text for bad, text in reasons if bad), "")
 
@@ -119,18 +134,12 @@ def texture_match(a: np.ndarray, b: np.ndarray, mask: np.ndarray) -> tuple[float
     return here, max(float(gain.max()) - here, 0.0)
 
 
-def detail(image: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """An image, shape (H, W), without its local mean, which is taken where it is known; both of one shape."""
-    weight = known.astype(np.float32)
-    return image - cv2.boxFilter(image * weight, -1, _window(known)) / _share(weight)
-
-
 def textured(image: np.ndarray, known: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """An image without its local mean, its contrast made alike everywhere, 0 where unknown; and the weights."""
     weight = known.astype(np.float32)
     grain = detail(image, known) * weight
-    power = cv2.boxFilter(grain * grain, -1, _window(known)) / _share(weight)
-    return grain / np.sqrt(power + _FAINT**2), weight
+    power = cv2.boxFilter(grain * grain, -1, window(known)) / share(weight)
+    return grain / np.sqrt(power + _GRAIN**2), weight
 
 
 def at_all_shifts(moving: np.ndarray, still: np.ndarray, reach: tuple[int, int]) -> np.ndarray:
@@ -142,12 +151,3 @@ def at_all_shifts(moving: np.ndarray, still: np.ndarray, reach: tuple[int, int])
     y, x = reach
     around = cv2.copyMakeBorder(moving, y, y, x, x, cv2.BORDER_CONSTANT, value=0.0)
     return cv2.matchTemplate(around, still, cv2.TM_CCORR)
-
-
-def _window(known: np.ndarray) -> tuple[int, int]:
-    """Size of the neighbourhood [px] that tells what is local in an image: a tenth of its width."""
-    return (2 * (known.shape[1] // 20) + 1,) * 2
-
-
-def _share(weight: np.ndarray) -> np.ndarray:
-    return np.maximum(cv2.boxFilter(weight, -1, _window(weight)), 1e-6)

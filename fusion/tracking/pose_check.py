@@ -14,6 +14,7 @@ from dsmap.fusion.config import MapConfig
 from dsmap.fusion.lie import inverse, pose_difference
 from dsmap.fusion.surfels.views import Views
 from dsmap.fusion.tracking.agreement import agreement, reason_to_reject
+from dsmap.fusion.tracking.image_content import Colours
 from dsmap.fusion.tracking.tracker import Health
 from dsmap.fusion.trajectory import TrajectoryPoint
 from dsmap.kernels.preprocess import intensity_map
@@ -45,6 +46,7 @@ class PoseCheck:
         trajectory: Sequence[TrajectoryPoint],
         t_min: int,
         doubted: bool = False,
+        colours: Colours = Colours.GOOD,
     ) -> str:
         """Why the pose is not believed, in words; empty if it is.
 
@@ -53,6 +55,7 @@ class PoseCheck:
             trajectory: of all frames before this one.
             t_min: surfels updated since then take part.
             doubted: look at the whole image in any case.
+            colours: what the frame's are good for.
         """
         if not health.tracked:
             return health.reason
@@ -62,7 +65,8 @@ class PoseCheck:
         found = agreement(
             frame[self._level], self._maps.vertex, intensity_map(self._maps.colour), self.config.relocalise
         )
-        return reason_to_reject(found, self.config.relocalise)
+        by_colour = health.comparable and colours is Colours.GOOD
+        return reason_to_reject(found, self.config.relocalise, by_colour)
 
     def surprising(
         self, T_world_camera: np.ndarray, health: Health, trajectory: Sequence[TrajectoryPoint]

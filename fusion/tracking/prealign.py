@@ -2,7 +2,8 @@
 
 From an image 20 pixels wide, in which a turn of 6 degrees is two pixels, up to tracking's coarsest level. At
 200 degrees a second and 30 frames a second the result is right to 0.9 degrees; alignment on an image 80 pixels
-wide alone is off by up to 7, further than registration can mend.
+wide alone is off by up to 7, further than registration can mend. A turn is believed only if the images fit better
+with it than without: before a bare wall, in the dark, there is nothing to align but noise.
 """
 
 import numpy as np
@@ -19,6 +20,8 @@ _ITERATIONS = 6
 _CONVERGED = 1e-3
 """A rotation step [rad] below this ends a level: a sixth of a pixel at a width of 160."""
 _MIN_PIXELS = 100
+_GAIN = 0.95
+"""A turn has to bring the mean squared difference of the images down to this share of what it is without one."""
 
 
 class RotationAligner:
@@ -43,13 +46,20 @@ class RotationAligner:
     def rotation(
         self, current: list[tuple[wp.array, wp.array]], last: list[tuple[wp.array, wp.array]]
     ) -> np.ndarray:
-        """R_prev_cur, shape (3, 3), that best turns the current image's pyramid into the last one's."""
+        """R_prev_cur, shape (3, 3), that best turns the current image's pyramid into the last one's.
+
+        No turn where the images do not fit better with one.
+        """
         R_prev_cur = np.eye(3)
         for camera, (intensity, _), (last_intensity, last_gradient) in zip(
             self.cameras[::-1], current[::-1], last[::-1], strict=True
         ):
             R_prev_cur = _align(camera, R_prev_cur, intensity, last_intensity, last_gradient)
-        return R_prev_cur
+        equations = rotation_normal_equations(self.cameras[0], current[0][0], *last[0])
+        turned, at_rest = (
+            found.squares / max(found.count, 1) for found in (equations(R_prev_cur), equations(np.eye(3)))
+        )
+        return R_prev_cur if turned < _GAIN * at_rest else np.eye(3)
 
 
 def _align(

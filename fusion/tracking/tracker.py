@@ -1,7 +1,7 @@
 """Frame-to-model tracking: joint point-to-plane ICP and photometric Gauss-Newton, coarse to fine (Eq. 1-3)."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import warp as wp
@@ -9,6 +9,7 @@ import warp as wp
 from dsmap.fusion.config import TrackConfig
 from dsmap.fusion.lie import exp_se3, inverse, log_se3, solve, uncertainty
 from dsmap.fusion.surfels.model_view import ModelView
+from dsmap.fusion.tracking.image_content import Colours, judged
 from dsmap.fusion.tracking.motion_filter import Expected
 from dsmap.fusion.tracking.prealign import RotationAligner
 from dsmap.fusion.tracking.rolling_shutter import RowMotion
@@ -22,6 +23,10 @@ _DARK, _BRIGHT = 0.02, 0.98
 """Intensities beyond these tell nothing about exposure."""
 _MIN_SHARED = 0.05
 """Share of the image that exposure is measured on, at least."""
+_ALIKE = 0.05
+"""Images too dark or too bright to measure it are alike if their medians differ by less than this."""
+_MOST_GAIN = 2.0
+"""Images whose exposures differ by more than this factor are not compared: noise and saturation remain."""
 _STEADY = 0.03
 """A ratio of intensities this near to 1 is what motion alone makes of it: no change of exposure."""
 _UNMATCHED = 0.02
@@ -51,9 +56,11 @@ class Health:
     """Associated pixels, as if the image had 640x480 and every pixel counted."""
     cofactor: np.ndarray
     """Diagonal of (J^T J)^-1 at that many pixels, shape (6,)."""
+    comparable: bool = True
+    """Whether the frame's colours can be compared with the model's; where not, depth alone decided."""
 
 
-def exposure_gain(frame: Surface, model: Surface) -> float:
+def exposure_gain(frame: Surface, model: Surface) -> float | None:
     """How much darker (> 1) the frame was exposed than the model: the median ratio of intensities.
 
     Cameras with automatic exposure change it by a tenth and more within a second, which Eq. 2 would take for
@@ -64,16 +71,25 @@ def exposure_gain(frame: Surface, model: Surface) -> float:
         frame, model: one level of both.
 
     Returns:
-        A factor between 0.5 and 2; 1 where there is too little to compare.
+        A factor between 0.5 and 2; 1 where too little is seen in both; None where the images cannot be compared.
     """
     light, reference = frame.intensity.numpy(), model.intensity.numpy()
     shared = (frame.vertex.numpy()[..., 2] > 0) & (model.vertex.numpy()[..., 2] > 0)
-    shared &= (light > _DARK) & (light < _BRIGHT) & (reference > _DARK) & (reference < _BRIGHT)
-    if np.count_nonzero(shared) < _MIN_SHARED * shared.size:
+    enough = _MIN_SHARED * shared.size
+    if np.count_nonzero(shared) < enough:
         return 1.0
+    telling = shared & (light > _DARK) & (light < _BRIGHT) & (reference > _DARK) & (reference < _BRIGHT)
+    if np.count_nonzero(telling) < enough:
+        return 1.0 if abs(np.median(light[shared]) - np.median(reference[shared])) < _ALIKE else None
     # Not the ratio of means: a dark picture that leaves the image in a fast turn would pass for a change of exposure.
-    gain = float(np.clip(np.median(reference[shared] / light[shared]), 0.5, 2.0))
+    gain = float(np.median(reference[telling] / light[telling]))
+    if not 1 / _MOST_GAIN <= gain <= _MOST_GAIN:
+        return None
     return gain if abs(gain - 1) > _STEADY else 1.0
+
+
+def _without_colour(icp: NormalEquations, rgb: NormalEquations) -> tuple[NormalEquations, NormalEquations]:
+    return icp, NormalEquations(np.zeros_like(rgb.A), np.zeros_like(rgb.b), 0.0, 0)
 
 
 class Tracker:
@@ -87,19 +103,47 @@ class Tracker:
         self.aligner = RotationAligner(cameras[-1])
         self.last_coarse: list[tuple[wp.array, wp.array]] | None = None
         """Small images of the last tracked frame, finest first (see RotationAligner.pyramid)."""
+        self.last_depth: np.ndarray | None = None
+        """Its depth [m], shape (h, w) of the coarsest level."""
+        self.last_is_good = True
+        """Whether its colours are good to align the next frame with."""
 
-    def remember(self, intensity: wp.array) -> None:
-        """Keep a tracked frame's intensity image of the coarsest level for the next frame's pre-alignment."""
-        self.last_coarse = self.aligner.pyramid(intensity)
+    def colours(self, coarsest: Surface) -> Colours:
+        """What the colours of the next frame are good for, by its coarsest level.
+
+        An image that is the last one bit for bit, while the depth is another, hangs.
+        """
+        light = coarsest.intensity.numpy()
+        frozen = (
+            self.last_coarse is not None
+            and self.last_depth is not None
+            and np.array_equal(light, self.last_coarse[0][0].numpy())
+            and not np.array_equal(coarsest.vertex.numpy()[..., 2], self.last_depth)
+        )
+        return judged(light, frozen)
+
+    def remember(self, coarsest: Surface, colours: Colours = Colours.GOOD) -> None:
+        """Keep a tracked frame's coarsest level for the next frame's pre-alignment."""
+        self.last_coarse = self.aligner.pyramid(coarsest.intensity)
+        self.last_depth = coarsest.vertex.numpy()[..., 2].copy()
+        self.last_is_good = colours is Colours.GOOD
 
     def state(self) -> dict[str, np.ndarray]:
         """What is carried from frame to frame."""
-        return {} if self.last_coarse is None else {"tracker.intensity": self.last_coarse[0][0].numpy()}
+        if self.last_coarse is None or self.last_depth is None:
+            return {}
+        return {
+            "tracker.intensity": self.last_coarse[0][0].numpy(), "tracker.depth": self.last_depth,
+            "tracker.good": np.array([self.last_is_good]),
+        }  # fmt: skip
 
     def load_state(self, state: dict[str, np.ndarray], device: wp.Device) -> None:
-        """Go on where `state` was taken."""
+        """Go on where `state` was taken; an older one has only the intensity."""
         if "tracker.intensity" in state:
-            self.remember(wp.array(state["tracker.intensity"], dtype=wp.float32, device=device))
+            intensity = wp.array(state["tracker.intensity"], dtype=wp.float32, device=device)
+            self.last_coarse = self.aligner.pyramid(intensity)
+            self.last_depth = state.get("tracker.depth")
+            self.last_is_good = bool(state.get("tracker.good", [True])[0])
 
     def track(
         self,
@@ -109,6 +153,7 @@ class Tracker:
         prealign: bool = True,
         expected: Expected | None = None,
         rows: RowMotion | None = None,
+        colours: Colours = Colours.GOOD,
     ) -> tuple[np.ndarray, Health]:
         """Register a frame to a model view.
 
@@ -117,23 +162,31 @@ class Tracker:
             prealign: turn that first as the images tell, from the last frame's to this one's.
             expected: T_view_camera as the camera's motion tells: one more measurement, and another place to start.
             rows: how the camera moves while the frame's rows are read; None: they are taken at once.
+            colours: what the frame's are good for; where they hold nothing, depth alone decides.
 
         Returns:
             T_view_camera, shape (4, 4), which takes points of the current camera into the model view's, and
             the verdict. The transform of a lost frame is the best that was found: do not use it.
         """
         T_view_camera = np.eye(4)
-        if prealign and self.config.so3 and self.last_coarse is not None:
+        usable = colours is Colours.GOOD
+        if prealign and self.config.so3 and self.last_coarse is not None and self.last_is_good and usable:
             current = self.aligner.pyramid(frame[-1].intensity)
             T_view_camera[:3, :3] = self.aligner.rotation(current, self.last_coarse)
         if T_view_start is not None:
             T_view_camera = T_view_start @ T_view_camera
         source = [maps.surface for maps in frame]
-        gain = exposure_gain(source[-1], model.level(-1)) if self.config.exposure else 1.0
+        comparable = exposure_gain(source[-1], model.level(-1)) if self.config.exposure else 1.0
+        gain = comparable if usable else None
         if expected is not None:
             coarsest = self.normal_equations(len(source) - 1, source[-1], model.level(-1), gain, rows)
             T_view_camera = self._better_start(coarsest, T_view_camera, expected)
-        return self.register(source, model, T_view_camera, gain=gain, expected=expected, rows=rows)
+        T_view_camera, health = self.register(
+            source, model, T_view_camera, gain=gain, expected=expected, rows=rows
+        )
+        return T_view_camera, replace(
+            health, comparable=comparable is not None and colours is not Colours.UNTRUE
+        )
 
     def register(
         self,
@@ -141,7 +194,7 @@ class Tracker:
         model: ModelView,
         T_target_source: np.ndarray,
         iterations: Sequence[int] | None = None,
-        gain: float = 1.0,
+        gain: float | None = 1.0,
         expected: Expected | None = None,
         rows: RowMotion | None = None,
     ) -> tuple[np.ndarray, Health]:
@@ -151,6 +204,7 @@ class Tracker:
             source: a pyramid level each; levels finer than the model's are not used, and may be None.
             T_target_source: first guess, shape (4, 4).
             iterations: a level, fine to coarse; as configured for tracking if None.
+            gain: brings the source's exposure to the model's; None: colour takes no part.
             expected: T_target_source as something else tells; it has no part in the verdict.
             rows: of the source, see `track`.
 
@@ -183,14 +237,22 @@ class Tracker:
         return T_target_source, self._verdict(source[model.finest], model.finest, icp, rgb, diverged)
 
     def normal_equations(
-        self, level: int, source: Surface, model: Surface, gain: float = 1.0, rows: RowMotion | None = None
+        self,
+        level: int,
+        source: Surface,
+        model: Surface,
+        gain: float | None = 1.0,
+        rows: RowMotion | None = None,
     ) -> Callable[[np.ndarray], tuple[NormalEquations, NormalEquations]]:
         """Of Eq. 1 and Eq. 2 on one pyramid level: see `joint_normal_equations`, with the configured gates."""
-        camera, gates = self.cameras[level], self._gates(level, gain)
-        if rows is None:
-            return joint_normal_equations(camera, gates, source, model)
-        equations = joint_normal_equations(camera, gates, source, model, rows.readout_s)
-        return lambda T: equations(T, rows.twist(T))
+        camera, gates = self.cameras[level], self._gates(level, 1.0 if gain is None else gain)
+        equations = joint_normal_equations(camera, gates, source, model, rows.readout_s if rows else 0.0)
+
+        def at(T: np.ndarray) -> tuple[NormalEquations, NormalEquations]:
+            icp, rgb = equations(T, rows.twist(T)) if rows else equations(T)
+            return (icp, rgb) if gain is not None else _without_colour(icp, rgb)
+
+        return at
 
     def _better_start(
         self,
