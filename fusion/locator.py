@@ -17,6 +17,7 @@ from dsmap.fusion.surfels.model_view import ModelView
 from dsmap.fusion.tracking.image_content import Colours
 from dsmap.fusion.tracking.motion_filter import MotionFilter
 from dsmap.fusion.tracking.moving_things import MovingThings, mask_depth, with_edges
+from dsmap.fusion.tracking.observability import BlindWay
 from dsmap.fusion.tracking.pose_check import PoseCheck
 from dsmap.fusion.tracking.rolling_shutter import row_motion, undo_rolling_shutter
 from dsmap.fusion.tracking.tracker import Health, Tracker
@@ -71,6 +72,7 @@ class Locator:
         self.config, self.model, self._clock = config, model, clock
         self.tracker = Tracker(config.track, model.cameras)
         self.motion = MotionFilter(config.track)
+        self.blind = BlindWay()
         self.check = PoseCheck(config, model.views)
         self.moving = MovingThings(config, model.cameras)
         self.recovery = Recovery(config, intrinsics, model.views)
@@ -107,12 +109,17 @@ class Locator:
             with_prefix("moving.", self.moving.state()),
             with_prefix("motion.", self.motion.state()),
         )
-        return moving | motion | self.tracker.state() | self.recovery.state()
+        blind = {"blind_way": self.blind.metres, "blind_held": self.blind.held}
+        return moving | motion | blind | self.tracker.state() | self.recovery.state()
 
     def load_state(self, state: dict[str, Any]) -> None:
         """Go on where `state` was taken."""
         self.moving.load_state(part_of(state, "moving."))
         self.motion.load_state(part_of(state, "motion."))
+        self.blind.metres, self.blind.held = (
+            float(state.get("blind_way", 0.0)),
+            int(state.get("blind_held", 0)),
+        )
         self.tracker.load_state(state, self.model.device)
 
     def _find(self, frame: Frame, last: Located, trajectory: Sequence[TrajectoryPoint]) -> Located:
@@ -151,16 +158,25 @@ class Locator:
         T_view_world, t_min = inverse(view.T_world_camera), self.model.view_t_active
         expected = self.motion.expected(trajectory, pose_time, T_view_world)
         rows = row_motion(self.config.shutter_s, trajectory, pose_time, T_view_world)
+        seconds = pose_time - trajectory[-1].pose_time if trajectory else 0.0
         starts = [(True, last.T_world_camera, expected)]
         starts += [(False, T, None) for T in extrapolated(trajectory)[:1]]
         for first, T_start, motion in starts:
             T_view_camera, health = self.tracker.track(
                 last.maps, view, T_view_world @ T_start, first, motion, rows, last.colours
             )
+            if first:
+                self.blind.see(health.unheld)
+            T_view_last = T_view_world @ last.T_world_camera
+            moved = self.blind.resting(T_view_camera @ inverse(T_view_last), seconds, health.unheld)
+            T_view_camera = moved @ T_view_last
             T = orthonormal(view.T_world_camera @ T_view_camera)
             still = undo_rolling_shutter(self.model.cameras, last.maps, rows, T_view_camera)
-            reason = self.check.reason_to_reject(still, T, health, trajectory, t_min, not first, last.colours)
+            reason = self.check.reason_to_reject(
+                still, T, health, trajectory, t_min, not first, last.colours
+            ) or self.blind.reason_to_reject(moved, health.unheld)
             if not reason:
+                self.blind.add(moved, health.unheld)
                 return replace(last, T_world_camera=T, maps=still, tracked=True, reason="", health=health)
             last = replace(last, reason=reason, health=health)
         return last if gap else self._recover(last, trajectory)
@@ -170,6 +186,7 @@ class Locator:
         found = self.recovery.find(lost.maps, len(trajectory), trajectory)
         if found is None:
             return lost
+        self.blind.found()
         if not self.model.frozen:
             self.model.render_inactive(found)
             self.model.reactivate(found, lost.maps[self.model.narrow_level].vertex, len(trajectory))

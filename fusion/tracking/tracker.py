@@ -11,6 +11,7 @@ from dsmap.fusion.lie import exp_se3, inverse, log_se3, solve, uncertainty
 from dsmap.fusion.surfels.model_view import ModelView
 from dsmap.fusion.tracking.image_content import Colours, judged
 from dsmap.fusion.tracking.motion_filter import Expected
+from dsmap.fusion.tracking.observability import EVERYTHING_HELD, Unheld, at_rest, only_held, unheld
 from dsmap.fusion.tracking.prealign import RotationAligner
 from dsmap.fusion.tracking.rolling_shutter import RowMotion
 from dsmap.kernels.camera import Camera
@@ -29,6 +30,8 @@ _MOST_GAIN = 2.0
 """Images whose exposures differ by more than this factor are not compared: noise and saturation remain."""
 _STEADY = 0.03
 """A ratio of intensities this near to 1 is what motion alone makes of it: no change of exposure."""
+_OPEN = 0.1
+"""Standard deviation [m] of a pose in directions that nothing holds."""
 _UNMATCHED = 0.02
 """Cost of a pixel without a match, where starts are compared: as if it were this far off [m]."""
 _VGA_WIDTH, _VGA_PIXELS = 640, 640 * 480
@@ -58,6 +61,8 @@ class Health:
     """Diagonal of (J^T J)^-1 at that many pixels, shape (6,)."""
     comparable: bool = True
     """Whether the frame's colours can be compared with the model's; where not, depth alone decided."""
+    unheld: Unheld = EVERYTHING_HELD
+    """Directions, of xi in exp(xi^) T_view_camera, that neither depth nor colours tell anything about."""
 
 
 def exposure_gain(frame: Surface, model: Surface) -> float | None:
@@ -213,6 +218,8 @@ class Tracker:
         """
         iterations = iterations or self.config.iterations
         icp = rgb = None
+        open_, rest, T_start = EVERYTHING_HELD, expected, T_target_source
+        depth = _middle_depth(source[-1])
         for level in reversed(range(model.finest, len(self.cameras))):
             surface = source[level]
             assert surface is not None, "a view is coarser than what is registered to it"
@@ -222,19 +229,25 @@ class Tracker:
                 # Eq. 3: E = E_icp + w_rgb E_rgb
                 joint = icp + self._w_rgb(icp, rgb) * rgb
                 A, b = joint.A, joint.b
-                if expected is not None:
-                    Lambda = self._variance(icp, rgb) * expected.information
-                    A, b = A + Lambda, b + Lambda @ log_se3(expected.T @ inverse(T_target_source))
+                open_ = unheld(A, icp.count, depth, model.level(level))
+                if len(open_):
+                    A, b = only_held(A, b, open_)
+                    rest = expected or Expected(T_start, at_rest(depth))
+                else:
+                    rest = expected
+                if rest is not None:
+                    Lambda = self._variance(icp, rgb) * rest.information
+                    A, b = A + Lambda, b + Lambda @ log_se3(rest.T @ inverse(T_target_source))
                 xi = solve(A, b)
                 if xi is None:
                     return T_target_source, self._verdict(
-                        source[model.finest], model.finest, icp, rgb, diverged=True
+                        source[model.finest], model.finest, icp, rgb, open_, diverged=True
                     )
                 T_target_source = exp_se3(xi) @ T_target_source
                 if np.abs(xi).max() < _CONVERGED * 2**level:
                     break
         diverged = not np.isfinite(T_target_source).all()
-        return T_target_source, self._verdict(source[model.finest], model.finest, icp, rgb, diverged)
+        return T_target_source, self._verdict(source[model.finest], model.finest, icp, rgb, open_, diverged)
 
     def normal_equations(
         self,
@@ -305,6 +318,7 @@ class Tracker:
         finest: int,
         icp: NormalEquations | None,
         rgb: NormalEquations | None,
+        open_: Unheld,
         diverged: bool,
     ) -> Health:
         if icp is None or rgb is None or source is None:
@@ -334,7 +348,16 @@ class Tracker:
         ]
         reason = next((text for bad, text in reasons if bad), "")
         scale = _VGA_PIXELS / sampled.size
-        cofactor = np.diag(uncertainty(scale * A))
+        cofactor = np.diag(uncertainty(scale * only_held(A, np.zeros(6), open_)[0]))
+        covariance = covariance + _OPEN**2 * open_.twists.T @ open_.twists
         return Health(
-            not reason, reason, fraction, rms_icp, rms_rgb, covariance, share, scale * icp.count, cofactor
-        )
+            not reason, reason, fraction, rms_icp, rms_rgb, covariance, share, scale * icp.count, cofactor,
+            unheld=open_,
+        )  # fmt: skip
+
+
+def _middle_depth(surface: Surface | None) -> float:
+    """Median depth [m] of a surface, 1 where there is none."""
+    assert surface is not None, "every pyramid has its coarsest level"
+    z = surface.vertex.numpy()[..., 2]
+    return float(np.median(z[z > 0])) if (z > 0).any() else 1.0
