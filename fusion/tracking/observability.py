@@ -20,8 +20,8 @@ _NOISE_OF_NORMALS = 6.0
 """... and this times the variance of the model's normals from pixel to pixel: a new map is noisy."""
 _EDGE = 3.0
 """The mean square of changes of the normal is at most this times their median; what is more are edges."""
-_HELD = 0.01
-"""With more information than this a direction is held in any case."""
+_HELD = 2.4e-3
+"""With more information than this a direction is held in any case: curved things are no noise."""
 _ROWS = 40
 """Normals are looked at in so many rows of an image."""
 _RIM = 0.35
