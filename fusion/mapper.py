@@ -1,13 +1,14 @@
 """The main step of dsmap: a frame goes in, the pose and the labelled surfel map come out."""
 
 import copy
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from dsmap.errors import InputError
+from dsmap.errors import InputError, InputWarning
 from dsmap.frame import Frame, Intrinsics
 from dsmap.fusion.config import MapConfig, SegmentConfig
 from dsmap.fusion.labels.labeller import Labeller
@@ -25,6 +26,11 @@ from dsmap.kernels.label import posterior
 from dsmap.kernels.preprocess import depth_in_range, preprocess
 from dsmap.kernels.types import FrameMaps, SurfelMap
 from dsmap.ranges import check_ranges
+
+_SETTLED = 5
+"""A map in which so many frames were tracked stays, whatever comes."""
+_ENOUGH = 40
+"""So many lost frames in a row that fit each other outweigh a map that is not settled: longer than a covered lens."""
 
 
 @dataclass(frozen=True)
@@ -91,6 +97,11 @@ class Mapper:
         self.trajectory = Trajectory()
         self.first_frame = 0
         """Frames before this one belong to an earlier recording, in whose map this one started."""
+        self.begins_at = 0
+        """The map's first frame: those before it were lost with a start that no later frame fitted."""
+        self._may_begin_anew = config.poses == "track" and surfels is None and not frozen
+        self._rival: Mapper | None = None
+        """A map of the frames that this one lost, while it hardly began."""
 
     def prepare(self, frame: Frame) -> list[FrameMaps]:
         """The frame's maps for `step`, finest first; touches nothing of the mapper, so any thread may do it.
@@ -141,14 +152,81 @@ class Mapper:
             self.locator.remember(maps, located.colours)
             model.last_fused = time
         clock.end()
-        return StepResult(
+        result = StepResult(
             T.copy(), located.tracked, located.health, located.reason, inserted, segmented, located.relocalised,
             loop, located.moving, clock.step_ms,
         )  # fmt: skip
+        return result if self.settled else self._doubt_start(frame, maps, result)
 
     def skip(self, time: float) -> None:
         """Record a frame that could not be read: it counts as lost and carries the last pose."""
         self.trajectory.append(TrajectoryPoint(time, self.T_world_camera.copy(), False))
+        if self._rival is not None:
+            self._rival.skip(time)
+
+    @property
+    def settled(self) -> bool:
+        """Whether the map is here to stay; until then a bad first frame (noise, a hand) may be given up."""
+        if self._may_begin_anew and self.tracked_frames >= _SETTLED:
+            self._may_begin_anew, self._rival = False, None
+        return not self._may_begin_anew
+
+    def settle(self) -> None:
+        """The recording is over: a map that hardly began gives way to one of the frames that it lost."""
+        rival = self._rival
+        if not self.settled and rival is not None and rival.tracked_frames >= _SETTLED:
+            self._begin_anew(rival)
+
+    def _doubt_start(self, frame: Frame, maps: Sequence[FrameMaps], result: StepResult) -> StepResult:
+        """Give up a start that fits none of the frames after it, if those fit each other for long enough.
+
+        A lens that is covered for a second must not end a map, hence the many frames; and a hand, or a bare wall, fits
+        itself as well, hence the gate on how surely their poses are known.
+        """
+        if result.tracked or not self.tracked_frames:
+            self._rival = None
+            return result
+        for _ in range(2):  # a frame that the rival loses may begin another one
+            if self._rival is None:
+                self._rival = Mapper(self.config, self.intrinsics, self.segmenter)
+                self._rival.be_rival_of(self)
+            seen = self._rival.step(frame, maps)
+            sure = seen.health is None or seen.health.cofactor.max() <= self.config.loops.max_covariance
+            if seen.tracked and sure:
+                break
+            self._rival = None
+        if self._rival is None or self._rival.tracked_frames < _ENOUGH:
+            return result
+        self._begin_anew(self._rival)
+        return seen
+
+    def be_rival_of(self, other: "Mapper") -> None:
+        """Begin a map with the frame that another mapper has just lost; the frames before are lost for both."""
+        past = other.trajectory
+        before = len(past) - 1
+        nowhere = np.broadcast_to(np.eye(4), (before, 4, 4))
+        times, depth_times = past.times[:before], past.depth_times[:before]
+        self.trajectory = Trajectory.of_arrays(times, nowhere, np.zeros(before, bool), depth_times)
+        self.begins_at, self._may_begin_anew = before, False
+
+    def _begin_anew(self, rival: "Mapper") -> None:
+        text = (
+            f"the map begins anew at frame {rival.begins_at}: none of {rival.time - rival.begins_at} frames fits what "
+            f"the {self.tracked_frames} before had begun, and they fit each other"
+        )
+        warnings.warn(text, InputWarning, stacklevel=3)
+        for name in (
+            "model",
+            "clock",
+            "locator",
+            "labeller",
+            "closer",
+            "trajectory",
+            "T_world_camera",
+            "begins_at",
+        ):
+            setattr(self, name, getattr(rival, name))
+        self._may_begin_anew, self._rival = False, None
 
     def probabilities(self) -> np.ndarray:
         """Class probabilities of every surfel under the configured rule, shape (N, 13), uniform if unlabelled."""
@@ -194,6 +272,7 @@ class Mapper:
     def state(self) -> dict[str, Any]:
         """What is carried from frame to frame besides the surfels and the trajectory, by name."""
         own = {"T_world_camera": self.T_world_camera, "time": self.time, "first_frame": self.first_frame}
+        own["begins_at"] = self.begins_at
         state = own
         for part in (self.clock, self.model, self.locator, self.labeller, self.closer):
             state |= part.state()
@@ -202,7 +281,7 @@ class Mapper:
     def load_state(self, state: dict[str, Any], trajectory: Sequence[TrajectoryPoint]) -> None:
         """Go on where `state` was taken, with the surfels and the trajectory of then."""
         self._load_map_state(state, trajectory)
-        self.first_frame = state["first_frame"]
+        self.first_frame, self.begins_at = state["first_frame"], state.get("begins_at", 0)
         for part in (self.clock, self.model, self.locator, self.labeller):
             part.load_state(state)
 

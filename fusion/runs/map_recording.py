@@ -78,12 +78,15 @@ def map_recording(
             if position in positions:
                 state.shown.append((position, result))
             _progress(bar, state, len(sequence), result)
-            if checkpoint_every and state.done % checkpoint_every == 0 and state.done < len(sequence):
+            due = checkpoint_every and state.done % checkpoint_every == 0 and state.done < len(sequence)
+            if due and state.mapper.settled:  # nobody shall go on from a start that may be given up
                 _checkpoint(state)
             if number := asked_to_stop():
                 _say("\nstopped: writing what is there so far")
+                state.mapper.settle()
                 return number
     _skip_to(state, len(sequence), sequence)
+    state.mapper.settle()
     state.skipped = earlier + rest.skipped
     return 0
 

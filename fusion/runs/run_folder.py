@@ -78,7 +78,8 @@ def statistics(mapper: Mapper, skipped: int, wall_s: float) -> dict[str, Any]:
     living = int((weight > 0).sum())
     stages = {name: stage.mean_ms for name, stage in mapper.stages.items()}
     busy_ms = sum(stage.counted_ms for stage in mapper.stages.values())
-    counted = max(frames - WARM_UP, 0) or frames
+    begun = frames - mapper.begins_at  # those before were timed with the map that was given up
+    counted = max(begun - WARM_UP, 0) or begun
     return {
         "map": {
             "frames": frames,
@@ -94,6 +95,7 @@ def statistics(mapper: Mapper, skipped: int, wall_s: float) -> dict[str, Any]:
             "tracked_frames": tracked,
             "lost_frames": frames - tracked,
             "skipped_frames": skipped,
+            "lost_start_frames": mapper.begins_at,
             "tracked_fraction": tracked / frames if frames else 0.0,
         },
         "speed": {
