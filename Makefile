@@ -37,7 +37,7 @@ $(VENV)/.demo: pyproject.toml constraints.txt | $(VENV)/.torch
 
 $(VENV)/.dev: pyproject.toml constraints.txt | $(VENV)/.torch
 	@echo "installing dsmap and its tests into $(VENV) (once)"
-	@$(PIP) install -q -c constraints.txt -e '.[sim,dsnet,train,view,dev]'
+	@$(PIP) install -q -c constraints.txt -e '.[sim,dsnet,train,view,export,dev]'
 	@touch $@ $(VENV)/.demo
 
 demo: $(VENV)/.demo

@@ -26,7 +26,7 @@ ALLOWED = {
 ORDER = {
     "fusion": (
         "config lie trajectory segmenter state stage_clock", "surfels", "tracking", "labels objects places",
-        "loops locator", "mapper", "runs", "pictures", "evaluate",
+        "loops locator", "mapper", "pictures", "runs exports", "evaluate",
     ),
     "sim_scenes": (
         "geometry", "scene", "textures", "pieces space", "physics", "rooms", "camera_paths importers render sensors",

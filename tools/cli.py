@@ -54,7 +54,11 @@ COMMANDS: dict[str, tuple[str, str]] = {
     ),
     "convert": (
         "dsmap.tools.commands.convert",
-        "Write a recording as NYU40 labels, COCO panoptic or nerfstudio.",
+        "Write a recording for other programs: labels, poses, images.",
+    ),
+    "export": (
+        "dsmap.tools.commands.export",
+        "Write a run for other programs: mesh, points, floor plan, poses, images, labels.",
     ),
     "train": ("dsmap.tools.commands.train", "Train DS-Net on sequences or on images with labels."),
     "model-card": (
@@ -92,10 +96,11 @@ _PACKAGE_EXTRA = {
     "torch": "dsnet", "h5py": "dsnet", "PIL": "dsnet", "onnx": "dsnet", "onnxruntime": "dsnet",
     "mujoco": "sim", "mujoco_warp": "sim", "trimesh": "sim", "pyrender": "sim", "ray": "ray", "viser": "view",
     "open3d": "bench", "evo": "bench", "pycolmap": "sfm",
+    "laspy": "export", "pye57": "export", "rerun": "export",
 }  # fmt: skip
 
 
-USE = ("map", "info", "evaluate", "view", "render-scene", "train", "refine", "convert", "cut")
+USE = ("map", "info", "evaluate", "view", "render-scene", "train", "refine", "export", "convert", "cut")
 """Commands that the help lists first; all others serve to develop dsmap."""
 
 

@@ -6,17 +6,14 @@ from typing import Any
 
 import cv2
 import numpy as np
-import warp as wp
 
 from dsmap.classes import NUM_CLASSES, VOID
 from dsmap.errors import InputError
 from dsmap.frame import Intrinsics
 from dsmap.fusion.labels.segment import segment_later
+from dsmap.fusion.runs.map_renderer import MapRenderer
 from dsmap.fusion.runs.read_run import SavedRun, evenly_spread
 from dsmap.fusion.segmenter import Segmenter
-from dsmap.kernels.camera import make_camera
-from dsmap.kernels.index_map import render_index
-from dsmap.kernels.label import posterior
 from dsmap.metrics import ConfusionMatrix, Reliability, class_probabilities
 from dsmap.sequences import Sequence
 
@@ -41,28 +38,6 @@ class Score:
 def unknown(reason: str) -> dict[str, Any]:
     """The tree of a score that cannot be computed."""
     return Score().tree() | {"reason": reason}
-
-
-class MapRenderer:
-    """Renders class probabilities of the finished map into a camera."""
-
-    def __init__(self, run: SavedRun, camera: Intrinsics):
-        labels = run.config.labels
-        self.run = run
-        self.camera = make_camera(camera)
-        self.probabilities = posterior(run.surfels, labels.rule, temperature=labels.temperature)
-        self.label = run.surfels.numpy()["label"]
-        self._index = wp.full((camera.height, camera.width), -1, dtype=wp.int32, device=run.surfels.device)
-
-    def __call__(self, T_world_camera: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Labels, uint8 (H, W), 0 where no labelled surfel is seen; class probabilities, (H, W, 13)."""
-        render_index(
-            self.run.surfels, self.camera, T_world_camera, max_depth=self.run.config.depth_range[1],
-            index=self._index, stable_weight=self.run.config.surfels.stable_weight,
-        )  # fmt: skip
-        index: np.ndarray = np.asarray(self._index.numpy())
-        label = np.where(index >= 0, self.label[index], VOID).astype(np.uint8)
-        return label, self.probabilities[index]
 
 
 def evaluate_semantics(

@@ -9,11 +9,13 @@ from typing import Any
 import numpy as np
 
 from dsmap.errors import InputError
+from dsmap.frame import Intrinsics
 from dsmap.fusion.config import MapConfig
 from dsmap.fusion.labels.gravity import MapGravity
 from dsmap.fusion.runs.checkpoint import load_map
 from dsmap.fusion.runs.checkpoint_schema import camera_of
 from dsmap.fusion.state import part_of
+from dsmap.fusion.trajectory import Trajectory, at_colour_stamps
 from dsmap.kernels.types import SurfelMap
 from dsmap.plain import brief, read_json, read_yaml
 from dsmap.reading import reading
@@ -32,8 +34,12 @@ class SavedRun:
     """Stamps of the frames [s], shape (M,)."""
     poses: np.ndarray
     """Estimated T_world_camera, shape (M, 4, 4); a lost frame carries the last pose."""
+    colour_poses: np.ndarray
+    """The same at the stamps of the colour images (see `at_colour_stamps`), shape (M, 4, 4)."""
     tracked: np.ndarray
     """bool, shape (M,)."""
+    intrinsics: Intrinsics
+    """The camera of the frames that were mapped."""
     gravity: MapGravity
     """Up and the floor of the map."""
     settings: dict[str, Any]
@@ -56,7 +62,9 @@ def load_run(path: Path | str, device: Any = "cpu") -> SavedRun:
     surfels, meta = load_map(folder / "checkpoint.safetensors", device)
     first = meta["plain"]["first_frame"]  # frames before belong to an earlier recording
     times, poses, tracked = (meta[name][first:] for name in ("times", "poses", "tracked"))
-    gravity = MapGravity(camera_of(folder, meta["intrinsics"]), meta["config"].camera_up)
+    points = Trajectory.of_arrays(times, poses, tracked, meta["depth_times"][first:])
+    intrinsics = camera_of(folder, meta["intrinsics"])
+    gravity = MapGravity(intrinsics, meta["config"].camera_up)
     with reading(folder / "checkpoint.safetensors", _EXPECTED):
         gravity.load_state(part_of(meta["arrays"], "gravity."))
     settings = _read(folder / "config.yaml", read_yaml)
@@ -70,7 +78,8 @@ def load_run(path: Path | str, device: Any = "cpu") -> SavedRun:
         raise InputError(f"{folder / 'loops.json'}: found {brief(loops)}, expected {_EXPECTED}")
     stats = _read(folder / "stats.json", read_json)
     return SavedRun(
-        folder, surfels, meta["config"], times, poses, tracked.astype(bool), gravity, settings, stats, loops
+        folder, surfels, meta["config"], times, poses, at_colour_stamps(points), tracked.astype(bool), intrinsics,
+        gravity, settings, stats, loops,
     )  # fmt: skip
 
 

@@ -8,13 +8,13 @@ import numpy as np
 
 from dsmap.files import write_yaml
 from dsmap.fusion.config import CrfConfig, SegmentConfig
+from dsmap.fusion.exports.ply import read_ply, up_of_ply, write_ply
 from dsmap.fusion.objects.crf import refine_by_crf
 from dsmap.fusion.objects.files import write_objects
 from dsmap.fusion.objects.pooling import pool_probabilities, set_probabilities
 from dsmap.fusion.objects.segments import segment_map, set_segments
 from dsmap.fusion.objects.things import SceneObjects, find_objects
 from dsmap.fusion.runs.checkpoint import rewrite_map
-from dsmap.fusion.runs.ply import read_ply, up_of_ply, write_ply
 from dsmap.fusion.runs.read_run import SavedRun
 from dsmap.fusion.runs.run_folder import CHECKPOINT
 from dsmap.gravity import estimate_up

@@ -7,12 +7,13 @@ from typing import Any
 
 from dsmap.classes import write_classes
 from dsmap.files import all_that_fits, atomic_path, write_json
+from dsmap.fusion.exports.ply import write_ply
+from dsmap.fusion.exports.trajectory import write_trajectory
 from dsmap.fusion.loops.record import record_values
 from dsmap.fusion.mapper import Mapper
 from dsmap.fusion.objects.files import remove_objects, write_objects
 from dsmap.fusion.objects.segments import set_segments
 from dsmap.fusion.runs.checkpoint import save_map
-from dsmap.fusion.runs.ply import write_ply, write_trajectory
 from dsmap.fusion.stage_clock import WARM_UP
 from dsmap.fusion.trajectory import TrajectoryPoint, at_colour_stamps
 

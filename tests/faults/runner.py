@@ -210,7 +210,7 @@ def result_of(out: Path, said: str) -> str:
 def _odd_vertices(path: Path) -> str:
     """`nan` where positions of a map of ours are not numbers."""
     from dsmap.errors import InputError
-    from dsmap.fusion.runs.ply import read_ply
+    from dsmap.fusion.exports.ply import read_ply
 
     try:
         table = read_ply(path)

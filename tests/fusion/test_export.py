@@ -9,7 +9,8 @@ from synthetic_map import camera_path, room_arrays
 
 from dsmap.classes import NUM_CLASSES, PALETTE, write_classes
 from dsmap.errors import InputError
-from dsmap.fusion.runs.ply import read_ply, surfels_of_ply, write_ply, write_trajectory
+from dsmap.fusion.exports.ply import read_ply, surfels_of_ply, write_ply
+from dsmap.fusion.exports.trajectory import write_trajectory
 
 
 @pytest.fixture(scope="module")

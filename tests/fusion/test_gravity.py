@@ -10,10 +10,10 @@ from box_room import CAMERA, frame, room, turned
 from dsmap.errors import InputWarning
 from dsmap.frame import Frame, FrameGeometry
 from dsmap.fusion.config import LabelConfig, MapConfig
+from dsmap.fusion.exports.ply import up_of_ply
 from dsmap.fusion.labels.segment import segment_later
 from dsmap.fusion.mapper import Mapper
 from dsmap.fusion.runs.checkpoint import load_map, save_map
-from dsmap.fusion.runs.ply import up_of_ply
 from dsmap.fusion.runs.read_run import load_run
 from dsmap.fusion.runs.resume import resumed_mapper
 from dsmap.fusion.runs.run_folder import save_run

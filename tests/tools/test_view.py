@@ -17,7 +17,8 @@ from synthetic_map import CEILING, FLOOR, TABLE, WALL, camera_path, room_arrays
 
 from dsmap.classes import PALETTE
 from dsmap.errors import InputError
-from dsmap.fusion.runs.ply import write_ply, write_trajectory
+from dsmap.fusion.exports.ply import write_ply
+from dsmap.fusion.exports.trajectory import write_trajectory
 from dsmap.tools.commands.view import Args, main, read_run
 
 

@@ -25,9 +25,8 @@ from dsmap.fusion.runs.read_run import SavedRun, load_run
 from dsmap.fusion.segmenter import Segmenter
 from dsmap.ranges import Frames, Scale, Share
 from dsmap.sequences import open_sequence
-from dsmap.sequences.formats.protocol import Options
-from dsmap.sequences.pose_conventions import with_convention
 from dsmap.sequences.tum import is_tum
+from dsmap.tools.mapping.recording import recording_of
 from dsmap.tools.mapping.segmenters import SegmenterSpec, make_segmenter, names_code
 from dsmap.tools.support.parse import parse_intrinsics
 from dsmap.tools.support.score_tables import network_table, run_tables
@@ -92,20 +91,9 @@ def main(args: Args) -> None:
 def score_run(folder: Path, args: Args) -> dict[str, Any]:
     """The metrics of a run (see `dsmap.fusion.evaluate.run.evaluate_run`)."""
     run = load_run(folder)
-    settings = run.settings.get("sequence", {})
-    path = args.reference or settings.get("path")
-    if path is None:
-        raise InputError(f"{folder}: its config.yaml names no recording; expected --reference")
-    reference = open_sequence(
-        path,
-        intrinsics=parse_intrinsics(args.intrinsics),
-        depth_scale=args.depth_scale,
-        undistort=bool(settings.get("undistort", False)),
-        label_map=args.label_map or settings.get("label_map"),
-        options=Options(settings.get("color_topic"), settings.get("depth_topic")),
+    reference = recording_of(
+        run, args.reference, args.label_map, parse_intrinsics(args.intrinsics), args.depth_scale
     )
-    if args.reference is None and settings.get("pose_convention"):
-        reference = with_convention(reference, settings["pose_convention"])
     segmenter = segmenter_of(run, args) if reference.has_labels else None
     return evaluate_run(run, reference, segmenter, args.max_frames, args.sfm)
 

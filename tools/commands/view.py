@@ -9,7 +9,7 @@ import numpy as np
 import tyro
 
 from dsmap.errors import InputError
-from dsmap.fusion.runs.ply import read_ply, surfels_of_ply, up_of_ply
+from dsmap.fusion.exports.ply import read_ply, surfels_of_ply, up_of_ply
 from dsmap.ranges import Range
 from dsmap.sequences.associate import pose_matrix
 from dsmap.sequences.pose_lists import read_poses

@@ -1,11 +1,9 @@
-"""What a run leaves for other programs: the map as PLY, the trajectory in the TUM format."""
+"""Surfels as a PLY point cloud, and back."""
 
-from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from dsmap.classes import CLASS_NAMES, colourise
 from dsmap.errors import InputError
@@ -168,19 +166,3 @@ def surfels_of_ply(vertices: np.ndarray, path: Path | str) -> dict[str, np.ndarr
         "t_updated": columns["t_updated"],
         "segment": columns.get("segment", np.zeros(len(vertices), np.int32)),
     }
-
-
-def write_trajectory(path: Path | str, rows: Iterable[Sequence[Any]]) -> None:
-    """Write poses in the TUM format: `t tx ty tz qx qy qz qw`, camera to world, one line a row.
-
-    Args:
-        rows: tuples that start with (time [s], T_world_camera of shape (4, 4)); what follows is ignored.
-    """
-    rows = list(rows)
-    poses = np.array([row[1] for row in rows], dtype=np.float64).reshape(-1, 4, 4)
-    quaternions = Rotation.from_matrix(poses[:, :3, :3]).as_quat() if rows else np.empty((0, 4))
-    with atomic_path(path) as temporary, temporary.open("w", encoding="ascii") as file:
-        file.write("# time tx ty tz qx qy qz qw (camera to world)\n")
-        for row, pose, quaternion in zip(rows, poses, quaternions, strict=True):
-            numbers = " ".join(f"{value:.7f}" for value in (*pose[:3, 3], *quaternion))
-            file.write(f"{row[0]:.6f} {numbers}\n")

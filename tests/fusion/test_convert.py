@@ -10,8 +10,10 @@ import pytest
 from dsmap.classes import CLASS_NAMES, CLASS_TO_NYU40, NYU40_NAMES, NYU40_TO_13
 from dsmap.errors import InputError
 from dsmap.frame import Intrinsics
+from dsmap.fusion.exports.coco import export_coco
+from dsmap.fusion.exports.nerfstudio import export_nerfstudio
+from dsmap.fusion.exports.nyu40 import export_nyu40
 from dsmap.sequences import open_sequence
-from dsmap.sequences.exporters import export_coco, export_nerfstudio, export_nyu40
 from dsmap.sequences.writer import SequenceWriter
 from dsmap.tools import cli
 

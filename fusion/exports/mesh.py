@@ -1,0 +1,87 @@
+"""The map's surface as PLY, OBJ or GLB."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from dsmap.classes import colourise
+from dsmap.files import atomic_path
+from dsmap.fusion.exports.level import moved
+from dsmap.fusion.exports.surface import Surface
+
+_VERTEX = [
+    *((name, "<f4") for name in ("x", "y", "z", "nx", "ny", "nz")),
+    *((name, "u1") for name in ("red", "green", "blue", "label")),
+]
+_T_GLTF_LEVEL = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
+"""glTF and most programs that read OBJ have y up."""
+
+
+def write_mesh_ply(path: Path, surface: Surface, T_level_world: np.ndarray) -> None:
+    """Write a binary PLY in the world's frame: vertices with normal, colour and `label`, triangles."""
+    vertices = np.zeros(len(surface.vertices), dtype=_VERTEX)
+    for axis in range(3):
+        vertices["xyz"[axis]] = surface.vertices[:, axis]
+        vertices[("nx", "ny", "nz")[axis]] = surface.normal[:, axis]
+        vertices[("red", "green", "blue")[axis]] = surface.colour[:, axis]
+    vertices["label"] = surface.label
+    faces = np.zeros(len(surface.faces), dtype=[("count", "u1"), ("vertex", "<i4", (3,))])
+    faces["count"], faces["vertex"] = 3, surface.faces
+    header = ["ply", "format binary_little_endian 1.0", "comment surface by dsmap, metres, world frame"]
+    header += ["comment up " + " ".join(f"{v:.6f}" for v in T_level_world[2, :3])]
+    header += [f"element vertex {len(vertices)}"]
+    header += [f"property {'uchar' if kind == 'u1' else 'float'} {name}" for name, kind in _VERTEX]
+    header += [f"element face {len(faces)}", "property list uchar int vertex_indices", "end_header"]
+    with atomic_path(path) as temporary, temporary.open("wb") as file:
+        file.write(("\n".join(header) + "\n").encode("ascii"))
+        vertices.tofile(file)
+        faces.tofile(file)
+
+
+def write_mesh_glb(path: Path, surface: Surface, T_level_world: np.ndarray) -> None:
+    """Write binary glTF with y up and the floor at 0: colours, and the class of a vertex as attribute `_LABEL`.
+
+    Raises:
+        ModuleNotFoundError: trimesh is not installed.
+    """
+    import trimesh
+
+    vertices, normal = _upright(surface, T_level_world)
+    mesh = trimesh.Trimesh(vertices, surface.faces, vertex_normals=normal, process=False)
+    mesh.visual = trimesh.visual.ColorVisuals(mesh, vertex_colors=surface.colour)
+    mesh.vertex_attributes["_LABEL"] = surface.label.astype(np.float32)
+    with atomic_path(path) as temporary:
+        temporary.write_bytes(mesh.export(file_type="glb", include_normals=True))
+
+
+def write_mesh_obj(path: Path, surface: Surface, T_level_world: np.ndarray) -> None:
+    """Write Wavefront OBJ with y up and the floor at 0, and colours behind the coordinates, as Blender and MeshLab
+    read them. OBJ has no place for labels.
+
+    Raises:
+        ModuleNotFoundError: trimesh is not installed.
+    """
+    import trimesh
+
+    vertices, normal = _upright(surface, T_level_world)
+    mesh = trimesh.Trimesh(vertices, surface.faces, vertex_normals=normal, process=False)
+    mesh.visual = trimesh.visual.ColorVisuals(mesh, vertex_colors=surface.colour)
+    with atomic_path(path) as temporary:
+        temporary.write_text(trimesh.exchange.obj.export_obj(mesh, include_normals=True, include_color=True))
+
+
+WRITERS: dict[str, Callable[[Path, Surface, np.ndarray], None]] = {
+    "ply": write_mesh_ply, "obj": write_mesh_obj, "glb": write_mesh_glb,
+}  # fmt: skip
+"""File type to the function that writes a surface, given T_level_world."""
+
+
+def in_class_colours(surface: Surface) -> Surface:
+    """The surface in the colours of its classes."""
+    return Surface(surface.vertices, surface.faces, surface.normal, colourise(surface.label), surface.label)
+
+
+def _upright(surface: Surface, T_level_world: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    T = _T_GLTF_LEVEL @ T_level_world
+    return moved(T, surface.vertices), surface.normal @ T[:3, :3].T

@@ -1,0 +1,50 @@
+"""nerfstudio's `transforms.json` with images, depth and, of a run, points to begin with."""
+
+from pathlib import Path
+
+import numpy as np
+
+from dsmap.files import write_json
+from dsmap.fusion.exports.images import posed_frames, write_png
+from dsmap.fusion.exports.ply import write_ply
+from dsmap.sequences import Sequence
+
+
+def export_nerfstudio(sequence: Sequence, out: Path, surfels: dict[str, np.ndarray] | None = None) -> int:
+    """Write `transforms.json` with `images/` and `depth/` (16-bit millimetres), as nerfstudio reads them.
+
+    Camera axes turn to OpenGL's (y up, z backwards); pixel centres move by half a pixel.
+
+    Args:
+        sequence: frames without a pose are left out.
+        surfels: arrays by the names of `SurfelMap`, in the world of the poses, for `points.ply`.
+
+    Returns:
+        The number of images.
+
+    Raises:
+        InputError: the recording has no poses.
+    """
+    k, frames = sequence.intrinsics, []
+    for i, pose, frame in posed_frames(sequence):
+        stem = f"{i:06d}.png"
+        write_png(out / "images" / stem, frame.rgb[..., ::-1])
+        write_png(out / "depth" / stem, np.clip(np.rint(frame.depth * 1e3), 0, 65535).astype(np.uint16))
+        matrix = pose @ np.diag([1.0, -1.0, -1.0, 1.0])
+        frames.append(
+            {
+                "file_path": f"images/{stem}",
+                "depth_file_path": f"depth/{stem}",
+                "transform_matrix": matrix.tolist(),
+            }
+        )
+    camera = {"camera_model": "OPENCV", "w": k.width, "h": k.height, "fl_x": k.fx, "fl_y": k.fy}
+    # nerfstudio's pixel centres lie at .5, ours at integers.
+    content = camera | {"cx": k.cx + 0.5, "cy": k.cy + 0.5}
+    if k.distortion is not None:
+        content |= dict(zip(("k1", "k2", "p1", "p2", "k3"), map(float, k.distortion), strict=True))
+    if surfels is not None:
+        write_ply(out / "points.ply", surfels)
+        content["ply_file_path"] = "points.ply"
+    write_json(out / "transforms.json", content | {"frames": frames})
+    return len(frames)
