@@ -3,6 +3,7 @@
 This file imports nothing that takes time, so that there is no moment in which Ctrl-C is a traceback.
 """
 
+import atexit
 import contextlib
 import os
 import signal
@@ -42,6 +43,8 @@ def _end(number: int) -> None:
         print(f"dsmap: stopped by {signal.Signals(number).name}", file=sys.stderr, flush=True)
     with contextlib.suppress(OSError, ValueError):
         sys.stdout.flush()
+    with contextlib.suppress(Exception):
+        atexit._run_exitfuncs()  # temporary folders
     os._exit(exit_code(number))  # not by way of threads that wait for what will not come
 
 

@@ -1,32 +1,37 @@
 """Many scenes: planned from one seed, rendered by many processes (or a Ray cluster), resumable, with a card.
 
-Each scene is a sequence in a folder of its own. A scene is rendered under a temporary name and renamed when
-it is whole, so a folder with its final name is complete, and running the same command again goes on.
+Each scene is a sequence in a folder of its own. A scene is rendered under a temporary name, one of its process, and
+renamed when every file of it is there, and running the same command again goes on. Workers end with their parent.
 """
 
 import json
 import os
+import re
 import shutil
+import signal
 import socket
+import threading
+import warnings
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import asdict, dataclass, replace
-from multiprocessing import get_context
+from multiprocessing import get_context, parent_process
 from pathlib import Path
 
 import numpy as np
 
 from dsmap.classes import NUM_CLASSES
-from dsmap.errors import InputError
+from dsmap.errors import InputError, InputWarning, WriteError
 from dsmap.files import as_read_back, write_json
 from dsmap.sim_scenes.recording.record import RenderedFrame, RenderOptions, render_sequence
+from dsmap.sim_scenes.recording.whole import SUMMARY, what_is_missing
 from dsmap.sim_scenes.rooms.build import MIX
 
 _TRIES = 3
 """A scene whose worker dies this many times ends the run."""
-SUMMARY = "pixels.json"
-"""In a scene's folder: its frames and its pixels a class, counted while it was rendered."""
+_PARTIAL = re.compile(r"\..+\.part")
+"""Names of scenes that are being rendered."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +67,7 @@ def kind_of(seed: int) -> str:
 
 
 def unfinished(tasks: Iterable[Task]) -> list[Task]:
-    """The tasks that are still to be done.
+    """The tasks that are still to be done; a scene that is not whole (a full disk, a power cut) is one of them.
 
     Raises:
         InputError: a finished scene was rendered with other options, so the folder would hold a mixture.
@@ -87,6 +92,10 @@ def unfinished(tasks: Iterable[Task]) -> list[Task]:
                 f"{file}: {name} is {found.get(name)!r}, expected {wanted[name]!r} as asked for now; "
                 "a data set holds one kind of recording, so choose a new folder"
             )
+        if missing := what_is_missing(task.folder):
+            text = f"{task.folder} is not whole ({missing}): it is rendered again"
+            warnings.warn(text, InputWarning, stacklevel=2)
+            left.append(task)
     return left
 
 
@@ -106,15 +115,27 @@ def render_task(task: Task) -> Path:
             frames += 1
             yield frame
 
-    partial = task.folder.with_name(f".{task.folder.name}.part")
-    shutil.rmtree(partial, ignore_errors=True)  # of a worker that was killed
-    render_sequence(partial, task.options, progress=count)
-    write_json(partial / SUMMARY, {"frames": frames, "pixels": pixels.tolist()}, indent=None)
+    partial = task.folder.with_name(f".{task.folder.name}.{os.getpid()}.part")
     try:
+        shutil.rmtree(partial, ignore_errors=True)
+        render_sequence(partial, task.options, progress=count)
+        write_json(partial / SUMMARY, {"frames": frames, "pixels": pixels.tolist()}, indent=None)
+        if missing := what_is_missing(partial):
+            raise WriteError(f"cannot write {task.folder}: {missing}", (task.folder.name,), missing)
+        shutil.rmtree(task.folder, ignore_errors=True)  # one that was not whole
         os.replace(partial, task.folder)
     except OSError as error:
-        raise InputError(f"cannot write {task.folder}: {error.strerror or error}") from error
+        raise WriteError(f"cannot write {task.folder}: {error.strerror or error}") from error
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
     return task.folder
+
+
+def remove_partials(out: Path) -> None:
+    """Delete scenes that killed processes were rendering; call it while the data set is `locked`."""
+    for folder in sorted(out.iterdir()):
+        if _PARTIAL.fullmatch(folder.name) and folder.is_dir() and not folder.is_symlink():
+            shutil.rmtree(folder, ignore_errors=True)
 
 
 def run_local(tasks: list[Task], jobs: int, done: Callable[[Path], None]) -> None:
@@ -136,7 +157,10 @@ def run_local(tasks: list[Task], jobs: int, done: Callable[[Path], None]) -> Non
             except BrokenProcessPool:
                 continue
             except BaseException:
+                workers = list((pool._processes or {}).values())
                 pool.shutdown(wait=False, cancel_futures=True)
+                for worker in workers:  # their scenes would take minutes that nobody waits for
+                    worker.terminate()
                 raise
         return
     raise InputError(
@@ -146,7 +170,23 @@ def run_local(tasks: list[Task], jobs: int, done: Callable[[Path], None]) -> Non
 
 def worker_pool(jobs: int) -> ProcessPoolExecutor:
     """Processes that render, one thread each. Warp and OpenGL do not survive a fork: each worker starts afresh."""
-    return ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), initializer=_one_thread)
+    return ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), initializer=_begin_worker)
+
+
+def _begin_worker() -> None:
+    _one_thread()
+    signal.signal(
+        signal.SIGINT, signal.SIG_IGN
+    )  # Ctrl-C reaches the whole group: the parent ends its workers
+    threading.Thread(target=_end_with_parent, name="dsmap-parent", daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    """A parent that is killed cannot end its workers: they would go on, half a gigabyte each, and for nothing."""
+    parent = parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
 
 
 def _one_thread() -> None:

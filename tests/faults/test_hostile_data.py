@@ -23,6 +23,7 @@ from dsmap.sequences.arrays import MAX_ARRAY_BYTES, read_array
 from dsmap.tools.cli import run
 from dsmap.tools.commands.evaluate import Args, segmenter_of
 from dsmap.tools.mapping.segmenters import SegmenterSpec, make_segmenter
+from dsmap.tools.support.recipes import load_recipe
 
 
 @pytest.fixture
@@ -173,3 +174,29 @@ def test_a_model_is_counted_before_it_is_built(tmp_path):
     ]:
         with pytest.raises(InputError, match=words):
             check_size(model(body, more))
+
+
+def test_a_cut_copies_nothing_from_outside(tmp_path, capsys):
+    recording = record(tmp_path / "room")
+    secret = tmp_path / "secret.png"
+    secret.write_bytes(sorted((recording / "rgb").iterdir())[0].read_bytes())
+    lines = (recording / "rgb.txt").read_text().splitlines()
+    for k, name in enumerate([str(secret), "../secret.png", "rgb/link.png"]):
+        (recording / "rgb" / "link.png").unlink(missing_ok=True)
+        (recording / "rgb" / "link.png").symlink_to(secret)
+        stamp = lines[4].split()[0]
+        (recording / "rgb.txt").write_text("\n".join([*lines[:4], f"{stamp} {name}", *lines[5:]]) + "\n")
+        out = tmp_path / f"cut{k}"
+        assert run("cut", [str(recording), str(out)]) == 2
+        assert "lies outside the recording" in capsys.readouterr().err and not out.exists()
+        assert run("cut", [str(recording), str(out), "--outside"]) == 0
+    (recording / "rgb.txt").write_text("\n".join(lines) + "\n")
+    (recording / "mesh.ply").symlink_to(secret)
+    assert run("cut", [str(recording), str(tmp_path / "last")]) == 2
+
+
+@pytest.mark.parametrize("name", ["../../elsewhere", "/tmp/x", "a/b", "..", "", "x" * 99])
+def test_a_stage_of_a_recipe_stays_in_its_folder(tmp_path, name):
+    write_yaml(tmp_path / "r.yaml", {"stages": [{"name": name, "data": ["x"]}]})
+    with pytest.raises(InputError, match="it becomes a folder"):
+        load_recipe(str(tmp_path / "r.yaml"))

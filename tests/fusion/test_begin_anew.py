@@ -83,8 +83,13 @@ def test_a_short_recording_is_settled_at_its_end():
     assert m.settled and m.trajectory.tracked.tolist() == [False] + [True] * 5 + [False]
 
 
+def no_light() -> tuple[np.ndarray, np.ndarray]:
+    return np.zeros((H, W, 3), np.uint8), np.zeros((H, W))
+
+
 @pytest.mark.parametrize(
-    "cover", [hand, bare_wall, noise, lambda: (np.zeros((H, W, 3), np.uint8), np.zeros((H, W)))]
+    "cover",
+    [hand, no_light, *(pytest.param(cover, marks=pytest.mark.slow) for cover in (bare_wall, noise))],
 )
 def test_good_first_then_30_covered_frames(cover):
     m = Mapper(config(), INTRINSICS)

@@ -29,6 +29,8 @@ class Args:
     label_map: str | None = None
     """Which classes the recording's label images hold, if not the 13: nyu40, scannet, or a file of ids, names or
     colours (docs/guide/labels.md); the 13 are written."""
+    outside: bool = False
+    """Copy files outside the recording's folder as well, where its lists or links lead there."""
 
 
 def main(args: Args) -> None:
@@ -39,7 +41,9 @@ def main(args: Args) -> None:
         depth_scale=args.depth_scale,
         label_map=args.label_map,
     )
-    result = cut_sequence(sequence, args.destination, start_s=args.start, seconds=args.seconds)
+    result = cut_sequence(
+        sequence, args.destination, start_s=args.start, seconds=args.seconds, outside=args.outside
+    )
     written = ", ".join(f"{count} {name}" for name, count in result.counts.items() if count)
     print(f"{args.destination}: {written}, from stamp {result.begin:.6f}")
     print(f"calibration.yaml written from: {sequence.intrinsics_source}")

@@ -12,6 +12,7 @@ from tqdm import tqdm
 
 from dsmap.cores import usable_cores
 from dsmap.errors import InputError
+from dsmap.folders import locked, remove_leftovers
 from dsmap.ranges import Range, Seed
 from dsmap.tools.support.parse import parse_intrinsics, parse_size
 
@@ -118,23 +119,24 @@ def _one(args: Args) -> None:
 
 
 def _many(args: Args) -> None:
-    from dsmap.sim_scenes.recording.dataset import plan, run_local, run_ray, unfinished
+    from dsmap.sim_scenes.recording.dataset import plan, remove_partials, run_local, run_ray, unfinished
     from dsmap.sim_scenes.recording.dataset_card import write_card
 
     tasks = plan(args.out, _options(args, 1), args.count)
-    left = unfinished(tasks)
     command = "dsmap render-scene " + shlex.join(sys.argv[2:])
-    args.out.mkdir(parents=True, exist_ok=True)
-    try:
-        with tqdm(total=len(tasks), initial=len(tasks) - len(left), unit="scene", disable=None) as bar:
-            if args.ray:
-                run_ray(left, args.ray, lambda _: bar.update() and None)
-            else:
-                run_local(
-                    left, min(args.jobs or usable_cores(), max(len(left), 1)), lambda _: bar.update() and None
-                )
-    finally:
-        write_card(args.out, tasks, command)
+    with locked(args.out, "data set"):
+        remove_partials(args.out)
+        remove_leftovers(args.out)
+        left = unfinished(tasks)
+        try:
+            with tqdm(total=len(tasks), initial=len(tasks) - len(left), unit="scene", disable=None) as bar:
+                if args.ray:
+                    run_ray(left, args.ray, lambda _: bar.update() and None)
+                else:
+                    jobs = min(args.jobs or usable_cores(), max(len(left), 1))
+                    run_local(left, jobs, lambda _: bar.update() and None)
+        finally:
+            write_card(args.out, tasks, command)
     print(f"{args.out}: {len(tasks)} scenes ({len(tasks) - len(left)} were there); see CARD.md")
 
 

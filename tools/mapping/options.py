@@ -32,7 +32,8 @@ class Args:
     overwrite: bool = False
     """Replace the files of an existing RUN."""
     checkpoint_every: Frames = 0
-    """Write the checkpoint after every n-th frame, so that a crash loses no more; 0: only at the end."""
+    """Write the checkpoint after every n-th frame, once five are tracked, so that a crash loses no more; 0: only at
+    the end."""
     resume: bool = False
     """Go on with RUN where its checkpoint stopped, with its own parameters; the result is the same bit for bit."""
     localize_in: Path | None = None

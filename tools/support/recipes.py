@@ -55,7 +55,13 @@ def load_recipe(name: str, places: tuple[str, ...] = ()) -> list[Stage]:
     result = []
     for number, stage in enumerate(stages, start=1):
         options = merged_values(common, stage)
-        label = f"{number}-{options.pop('name', 'stage')}"
+        title = str(options.pop("name", "stage"))
+        if not re.fullmatch(r"[\w][\w.-]{0,60}", title):
+            raise InputError(
+                f"--recipe {name}: stage {number} is named {title[:80]!r}, expected letters, digits, dots and dashes: "
+                "it becomes a folder"
+            )
+        label = f"{number}-{title}"
         try:
             argv = [Template(word).substitute(known) for word in words(options)]
         except (KeyError, ValueError) as error:

@@ -33,7 +33,9 @@ class CutResult:
     """First stamp of the stretch [s]."""
 
 
-def cut_sequence(sequence: Sequence, destination: Path | str, *, start_s: float, seconds: float) -> CutResult:
+def cut_sequence(
+    sequence: Sequence, destination: Path | str, *, start_s: float, seconds: float, outside: bool = False
+) -> CutResult:
     """Copy a stretch of a recording into a new sequence in the TUM layout.
 
     Image files are copied as they are, labels of another set become the 13 classes, or are left out where it is not
@@ -44,9 +46,10 @@ def cut_sequence(sequence: Sequence, destination: Path | str, *, start_s: float,
         sequence: the recording, opened whole.
         start_s: beginning, after the first colour stamp [s].
         seconds: length [s]; the end is left out.
+        outside: copy what lies outside the recording's folder as well, where a list or a link leads there.
 
     Raises:
-        InputError: the stretch holds no colour image, an image is missing, or the destination exists.
+        InputError: the stretch holds no colour image, an image is missing or lies outside, or the destination exists.
     """
     destination = Path(destination)
     if destination.exists() and (not destination.is_dir() or any(destination.iterdir())):
@@ -71,6 +74,10 @@ def cut_sequence(sequence: Sequence, destination: Path | str, *, start_s: float,
             f"{sequence.path}: no colour image from {start_s} s to {start_s + seconds} s after its start"
         )
     kept = [(t, pose) for t, pose in poses if begin - _POSE_MARGIN_S <= t < begin + seconds + _POSE_MARGIN_S]
+    mesh = sequence.path / MESH
+    if not outside:
+        named = [file for rows in chosen.values() for _, file in rows if isinstance(file, Path)]
+        _check_inside(sequence.path, named + ([mesh] if mesh.exists() else []))
     write_calibration(destination, sequence.calibration)
     lines = {name: _copied(destination, name, rows) for name, rows in chosen.items() if rows}
     lines["groundtruth"] = [f"{t:.6f} " + " ".join(f"{v:.7f}" for v in pose) for t, pose in kept]
@@ -80,9 +87,20 @@ def cut_sequence(sequence: Sequence, destination: Path | str, *, start_s: float,
                 path.write_text(LISTS[name] + "\n".join(rows) + "\n")
     if "label" in lines:
         write_classes(destination / "classes.json")
-    if (sequence.path / MESH).exists():
-        shutil.copyfile(sequence.path / MESH, destination / MESH)
+    if mesh.is_file():
+        with atomic_path(destination / MESH) as path:
+            shutil.copyfile(mesh, path)
     return CutResult({name: len(rows) for name, rows in lines.items()}, begin)
+
+
+def _check_inside(folder: Path, files: list[Path]) -> None:
+    """A list may name any file of this machine: who is sent a recording must not pass such files on with a cut."""
+    inside = folder.resolve()
+    for file in files:
+        if not file.resolve().is_relative_to(inside):
+            raise InputError(
+                f"{file}: lies outside the recording {folder}, expected its own files (--outside copies others, too)"
+            )
 
 
 Rows = list[tuple[float, Source]]
