@@ -1,15 +1,16 @@
 """What to render: the options of a recording, checked, and what follows from them before any frame is rendered."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from dsmap.errors import InputError
 from dsmap.frame import Intrinsics
 from dsmap.sim_scenes.camera_paths.paths import camera_path
+from dsmap.sim_scenes.camera_paths.row_poses import RowPoses
 from dsmap.sim_scenes.camera_paths.trials import covered_frames
 from dsmap.sim_scenes.physics.kinds import MOVING, set_in_motion
-from dsmap.sim_scenes.render.renderer import RENDERERS
+from dsmap.sim_scenes.render.renderer import RENDERERS, Image, Renderer
 from dsmap.sim_scenes.scene import Scene
 from dsmap.sim_scenes.sensors.colour_camera import LEVELS, Effects
 from dsmap.sim_scenes.sensors.registry import NOISES, SENSORS
@@ -43,6 +44,12 @@ class RenderOptions:
     """For a scene file: `y` or `z`; None = what its format says."""
     moving: str = "none"
     """Something that moves while the scene is filmed: `none`, `chair`, `door`, `ball`, `person` (`moving`)."""
+    readout_s: float = 0.0
+    """Rolling shutter of the colour camera: time from an image's first row to its last [s] (renderer `warp` only)."""
+    depth_readout_s: float | None = None
+    """Likewise of the depth camera; None = as the colour camera's."""
+    depth_offset_s: float = 0.0
+    """The depth image is taken so much later than the colour image [s]; poses are those of the depth image."""
     renderer: str = "warp"
     jobs: int = 1
     """Frames rendered side by side (threads); the result does not depend on it."""
@@ -73,10 +80,24 @@ class RenderOptions:
             raise InputError(
                 f"intrinsics are {self.intrinsics}; expected fx, fy, cx, cy with positive fx and fy"
             )
+        if self.rolls and self.renderer != "warp":
+            raise InputError(
+                f"a readout or time offset with renderer {self.renderer!r}; expected warp, the others have none"
+            )
         if self.distortion and self.renderer != "warp":
             raise InputError(
                 f"distortion with renderer {self.renderer!r}; expected warp, the others have none"
             )
+
+    @property
+    def rows_s(self) -> float:
+        """Readout of the depth camera [s]."""
+        return self.readout_s if self.depth_readout_s is None else self.depth_readout_s
+
+    @property
+    def rolls(self) -> bool:
+        """Whether every row has a pose of its own."""
+        return bool(self.readout_s or self.depth_readout_s or self.depth_offset_s)
 
 
 @dataclass(frozen=True)
@@ -93,10 +114,27 @@ class Take:
     """Frames in which something covers the lens, bool (frames,)."""
     T_world_body: np.ndarray | None = None
     """Poses of `scene.bodies` in every frame, shape (frames, bodies, 4, 4); None where nothing moves."""
+    rows: tuple[RowPoses, float, float, float] | None = None
+    """With a rolling shutter: the path, readout of colour and of depth [s], time of the depth after the colour [s]."""
 
-    def view(self, frame: int) -> tuple[np.ndarray, np.ndarray | None]:
-        """What a renderer is called with: the poses of camera and bodies in a frame."""
-        return self.poses[frame], None if self.T_world_body is None else self.T_world_body[frame]
+    def shot(self, renderer: Renderer, frame: int) -> Image:
+        """A frame's image; with a rolling shutter colour and depth are each read in their own time."""
+        bodies = None if self.T_world_body is None else self.T_world_body[frame]
+        if self.rows is None:
+            return renderer(self.poses[frame], bodies)
+        path, colour_s, depth_s, offset_s = self.rows
+        depth = renderer(path.rows(frame, self.camera.height, depth_s, offset_s), bodies)
+        if colour_s == depth_s and offset_s == 0:
+            return depth
+        colour = renderer(path.rows(frame, self.camera.height, colour_s), bodies)
+        return replace(depth, rgb=colour.rgb)
+
+    def true_pose(self, frame: int) -> np.ndarray:
+        """T_world_camera of a frame, (4, 4): when the middle row of its depth was read."""
+        if self.rows is None or not self.rows[3]:
+            return self.poses[frame]
+        path, _, _, offset_s = self.rows
+        return path.rows(frame, 3, 0.0, offset_s)[1]
 
 
 def camera_of_options(options: RenderOptions) -> Intrinsics:
@@ -124,6 +162,10 @@ def plan_take(scene: Scene, options: RenderOptions) -> Take:
         scene = motion.scene
     poses = camera_path(scene, options.path, options.frames, options.fps, options.seed, motion)
     times = np.arange(len(poses)) / options.fps
+    rows = None
+    if options.rolls:
+        path = RowPoses(poses, options.fps, options.path)
+        rows = (path, options.readout_s, options.rows_s, options.depth_offset_s)
     return Take(
         scene,
         camera_of_options(options),
@@ -131,4 +173,5 @@ def plan_take(scene: Scene, options: RenderOptions) -> Take:
         poses,
         covered_frames(options.path, len(poses), options.fps, options.seed),
         motion.at(times) if motion else None,
+        rows,
     )

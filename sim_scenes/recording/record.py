@@ -54,13 +54,13 @@ def iter_frames(scene: Scene, options: RenderOptions, take: Take | None = None) 
     jobs = max(1, min(options.jobs, frames)) if options.renderer == "warp" else 1
 
     def make() -> Renderer:
-        return open_renderer(options.renderer, take.scene, take.camera)
+        return open_renderer(options.renderer, take.scene, take.camera, rolling=take.rows is not None)
 
     if jobs == 1:  # OpenGL contexts belong to the thread that made them, so no pool here.
         renderer = make()
         try:
             for index in range(frames):
-                yield finish(index, renderer(*take.view(index)))
+                yield finish(index, take.shot(renderer, index))
         finally:
             renderer.close()
         return
@@ -83,7 +83,7 @@ class _Finish:
             rgb, depth, true, label, instance = map(np.zeros_like, (rgb, depth, true, label, instance))
         bodies = None if take.T_world_body is None else take.T_world_body[index]
         return RenderedFrame(
-            index / options.fps, rgb, depth, true, label, instance, take.poses[index], bodies
+            index / options.fps, rgb, depth, true, label, instance, take.true_pose(index), bodies
         )
 
     def _colours(self, index: int, image: Image) -> np.ndarray:
@@ -112,7 +112,7 @@ def _in_threads(
     def one(index: int) -> RenderedFrame:
         renderer = idle.get()
         try:
-            return finish(index, renderer(*take.view(index)))
+            return finish(index, take.shot(renderer, index))
         finally:
             idle.put(renderer)
 
@@ -161,7 +161,12 @@ def render_sequence(
         writers = [
             stack.enter_context(
                 SequenceWriter(
-                    path, take.camera, overwrite=overwrite, depth_max=SENSORS[what.noise].depth_max
+                    path,
+                    take.camera,
+                    overwrite=overwrite,
+                    depth_max=SENSORS[what.noise].depth_max,
+                    readout_s=options.rows_s,
+                    depth_time_offset_s=options.depth_offset_s,
                 )
             )
             for path, what in targets
@@ -175,6 +180,7 @@ def render_sequence(
                     frame.rgb,
                     depth,
                     T_world_camera=frame.T_world_camera,
+                    pose_time=frame.time + options.depth_offset_s,
                     label=frame.label,
                     instance=frame.instance,
                 )

@@ -3,12 +3,19 @@
 from dsmap.errors import InputError
 from dsmap.frame import Intrinsics
 from dsmap.sim_scenes.render.renderer import RENDERERS, Renderer
+from dsmap.sim_scenes.render.rolling import RollingRenderer
 from dsmap.sim_scenes.render.warp_renderer import WarpRenderer
 from dsmap.sim_scenes.scene import Scene
 
 
 def open_renderer(
-    name: str, scene: Scene, camera: Intrinsics, *, shadows: bool = True, smooth: bool = False
+    name: str,
+    scene: Scene,
+    camera: Intrinsics,
+    *,
+    shadows: bool = True,
+    smooth: bool = False,
+    rolling: bool = False,
 ) -> Renderer:
     """A renderer by name (`RENDERERS`).
 
@@ -19,10 +26,13 @@ def open_renderer(
         shadows: of the lights; the ray tracer needs about half the time without them.
         smooth: colour as the mean of four rays a pixel, about four times the cost (`warp`; the others
             always smooth a little). Depth and labels are those of the pixel's centre in any case.
+        rolling: it is called with a pose for every row, shape (H, 4, 4) (`warp` only).
 
     Raises:
         InputError: unknown name, or its system library is missing (says which package brings it).
     """
+    if rolling:
+        return RollingRenderer(scene, camera, shadows)
     if name == "warp":
         return WarpRenderer(scene, camera, shadows, smooth)
     if name in RENDERERS:

@@ -71,6 +71,10 @@ class WarpRenderer:
                 return self._render(T_world_camera, T_world_body)
         return self._render(T_world_camera, T_world_body)
 
+    def aim(self, rays: np.ndarray) -> None:
+        """Send these rays through the pixels: unit vectors in the camera's axes, shape (H, W, 3)."""
+        self._context.ray.assign(rays.reshape(-1, 3) * [1, -1, -1])
+
     def _move(self, T_world_body: np.ndarray | None) -> None:
         """Bring the geoms of moving parts to where they are now."""
         position, rotation = (values.copy() for values in self._rest)

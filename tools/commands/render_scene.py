@@ -56,6 +56,13 @@ class Args:
     """fx,fy,cx,cy [px], integer pixel centres; default those of the sensor."""
     distortion: bool = False
     """Give the lens a distortion (stated in calibration.yaml; renderer warp only)."""
+    readout_s: Annotated[float, Range(-0.1, 0.1)] = 0.0
+    """Rolling shutter: time from an image's first row to its last [s], negative from below (a Kinect: 0.026; renderer
+    warp only)."""
+    depth_readout_s: Annotated[float, Range(-0.1, 0.1)] | None = None
+    """Rolling shutter of the depth camera [s]; default: the colour camera's."""
+    depth_offset_s: Annotated[float, Range(-0.1, 0.1)] = 0.0
+    """Depth images are taken so much later than their colour images [s]."""
     clean_copy: Path | None = None
     """With --noise: a second folder for the same recording without noise, rendered only once."""
     renderer: Literal["warp", "mujoco", "pyrender"] = "warp"
@@ -96,7 +103,8 @@ def _options(args: Args, jobs: int) -> "RenderOptions":
         scene=args.scene, seed=args.seed, frames=frames, width=width, height=height, fps=args.fps,
         noise=args.noise, path=args.path, intrinsics=parse_intrinsics(args.intrinsics), effects=args.effects,
         distortion=args.distortion, class_map=str(args.class_map) if args.class_map else None, up=args.up,
-        moving=args.moving, renderer=args.renderer, jobs=jobs,
+        moving=args.moving, readout_s=args.readout_s, depth_readout_s=args.depth_readout_s,
+        depth_offset_s=args.depth_offset_s, renderer=args.renderer, jobs=jobs,
     )  # fmt: skip
 
 

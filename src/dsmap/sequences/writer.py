@@ -41,6 +41,7 @@ class SequenceWriter:
         *,
         overwrite: bool = False,
         depth_time_offset_s: float = 0.0,
+        readout_s: float = 0.0,
         depth_max: float | None = None,
     ):
         """Create the folder and write the calibration.
@@ -48,6 +49,8 @@ class SequenceWriter:
         Args:
             intrinsics: integer pixel centres; distortion is written if there is any.
             depth_scale: stored units per metre (5000: 0.2 mm steps up to 13.1 m).
+            depth_time_offset_s: what is added to a depth stamp to make it one of the colour's clock [s].
+            readout_s: rolling shutter: time from an image's first row to its last [s].
             depth_max: depth beyond which the sensor is not to be trusted [m]: the mapper's default.
             overwrite: replace a sequence that is already there; otherwise one is an error.
 
@@ -70,6 +73,7 @@ class SequenceWriter:
             self.depth_scale,
             FILE,
             depth_time_offset_s=depth_time_offset_s,
+            readout_s=readout_s,
             depth_max=depth_max,
         )
         write_calibration(self.path, calibration)
@@ -81,6 +85,7 @@ class SequenceWriter:
         depth: np.ndarray,
         *,
         T_world_camera: np.ndarray | None = None,
+        pose_time: float | None = None,
         label: np.ndarray | None = None,
         instance: np.ndarray | None = None,
     ) -> None:
@@ -90,7 +95,8 @@ class SequenceWriter:
             time: stamp [s], written with six decimals.
             rgb: uint8, shape (H, W, 3), RGB order.
             depth: planar depth [m], float, shape (H, W); 0, NaN and inf mean none.
-            T_world_camera: camera-to-world pose, shape (4, 4).
+            T_world_camera: camera-to-world pose, shape (4, 4)...
+            pose_time: ... at this time [s]; None: that of the frame.
             label: class ids, shape (H, W), stored in 8 bits.
             instance: instance ids, shape (H, W), stored in 16 bits.
 
@@ -107,6 +113,7 @@ class SequenceWriter:
         if instance is not None:
             self._image("instance", stamp, instance.astype(np.uint16))
         if T_world_camera is not None:
+            stamp = stamp if pose_time is None else f"{pose_time:.6f}"
             self._line("groundtruth", stamp, " ".join(f"{v:.9f}" for v in pose_vector(T_world_camera)))
         self.count += 1
 
