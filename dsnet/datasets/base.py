@@ -1,9 +1,11 @@
 """What every data set is read into: a list of items, each of which reads one labelled image."""
 
+import functools
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from PIL import Image, UnidentifiedImageError
@@ -12,7 +14,7 @@ from dsmap.classes import CLASS_NAMES, VOID
 from dsmap.dsnet.datasets.geometry import DepthView
 from dsmap.errors import InputError
 from dsmap.limits import MAX_IMAGE_BYTES
-from dsmap.reading import DECODER_ERRORS, read_bytes, reason
+from dsmap.reading import DECODER_ERRORS, read_bytes, reading, reason
 from dsmap.sequences.image_headers import check_image_file, check_image_size
 from dsmap.sequences.images import read_colour, read_depth, resize_colour
 from dsmap.sequences.label_images import VOID_IDS, LabelMap
@@ -35,6 +37,17 @@ class Example:
     """Class ids, uint8, shape (H, W); 0 = void."""
     geometry: np.ndarray | None = None
     """What depth tells, float16, shape (H, W, 4) (see `kernels.geometry`); None: there is no depth."""
+
+
+def guarded(read: Callable[..., Example]) -> Callable[..., Example]:
+    """Decorates the `read` of an item: whatever its parsers raise means that the image is damaged."""
+
+    @functools.wraps(read)
+    def checked(self: Any, with_geometry: bool = True) -> Example:
+        with reading(self.name, "a labelled image"):
+            return read(self, with_geometry)
+
+    return checked
 
 
 class Item(Protocol):
@@ -90,6 +103,7 @@ class FileItem:
     def name(self) -> str:
         return str(self.label)
 
+    @guarded
     def read(self, with_geometry: bool = True) -> Example:
         rgb = read_colour(self.rgb)
         stored = self.label_map.read(self.label) if self.label_map else read_indices(self.label)
@@ -112,6 +126,10 @@ def to_classes(stored: np.ndarray, table: np.ndarray | None, num_classes: int, n
     Raises:
         InputError: an id is beyond the table, or a class beyond `num_classes`.
     """
+    if stored.dtype.kind not in "iub" or stored.ndim != 2:
+        raise InputError(f"{name}: found labels of {stored.dtype} {stored.shape}, expected ids, (H, W)")
+    if stored.size and stored.min() < 0:
+        raise InputError(f"{name}: class id {stored.min()} found, expected ids from 0")
     if table is None:
         stored = np.where(np.isin(stored, VOID_IDS), VOID, stored)
     limit = num_classes if table is None else len(table)

@@ -14,13 +14,15 @@ from typing import Any
 
 import numpy as np
 import scipy.io
+from scipy.io.matlab import MatReadError
 
 from dsmap.classes import CLASS_NAMES, NYU40_TO_13
-from dsmap.dsnet.datasets.base import Example, LabelledSet, require, to_classes
+from dsmap.dsnet.datasets.base import Example, LabelledSet, guarded, require, to_classes
 from dsmap.dsnet.datasets.geometry import DepthView
 from dsmap.dsnet.datasets.splits import select, validation_numbers
 from dsmap.errors import InputError
 from dsmap.frame import Intrinsics
+from dsmap.reading import DECODER_ERRORS, check_plain, reading, reason
 from dsmap.sequences.images import clean_depth
 
 MAT_NAME = "nyu_depth_v2_labeled.mat"
@@ -60,6 +62,8 @@ def load_nyuv2(path: Path, split: str | None) -> LabelledSet:
         require(file.parent / "splits.mat", "the official train/test split of the NYU Depth Dataset V2 page"),
         "testNdxs" if split == "test" else "trainNdxs",
     )
+    if official.dtype.kind not in "iuf" or not np.isfinite(official).all():
+        raise InputError(f"{file.parent / 'splits.mat'}: found {official.dtype}, expected numbers of images")
     numbers = [int(number) for number in official.ravel()]
     if not numbers or min(numbers) < 1 or max(numbers) > count:
         raise InputError(
@@ -87,14 +91,21 @@ class MatItem:
     def name(self) -> str:
         return f"{self.file}:{self.index + 1}"
 
+    @guarded
     def read(self, with_geometry: bool = True) -> Example:
         content = open_hdf5(self.file)
         try:
             rgb = content["images"][self.index].transpose(2, 1, 0)  # MATLAB's order, reversed: (3, W, H)
             depth = clean_depth(content["depths"][self.index].T) if with_geometry else None
             label = content["labels"][self.index].T
-        except (OSError, ValueError, IndexError) as error:
-            raise InputError(f"{self.name}: damaged ({error}), expected the whole of {MAT_NAME}") from error
+        except DECODER_ERRORS as error:
+            raise InputError(
+                f"{self.name}: damaged ({reason(error)}), expected the whole of {MAT_NAME}"
+            ) from error
+        if rgb.dtype != np.uint8 or rgb.shape[2:] != (3,):
+            raise InputError(f"{self.name}: images are {rgb.dtype} {rgb.shape}, expected uint8 (H, W, 3)")
+        if label.shape != rgb.shape[:2]:
+            raise InputError(f"{self.name}: labels are {label.shape}, expected {rgb.shape[:2]} as the image")
         if self.labels40 is not None:
             label = _labels40(self.labels40, os.getpid())[..., self.index]
         classes = to_classes(label, self.table, len(CLASS_NAMES), self.name)
@@ -124,8 +135,8 @@ def _classes(folder: Path) -> tuple[np.ndarray, Path | None]:
         "classMapping40.mat (or labels40.mat) of the 40-class labels of Gupta et al. for NYU Depth v2",
     )
     to_40 = read_mat(mapping, "mapClass").ravel().astype(np.int64)
-    if to_40.min() < 0 or to_40.max() >= len(NYU40_TO_13):
-        raise InputError(f"{mapping}: mapClass goes to {to_40.max()}, expected classes 1..40")
+    if not len(to_40) or to_40.min() < 0 or to_40.max() >= len(NYU40_TO_13):
+        raise InputError(f"{mapping}: mapClass is empty or goes beyond, expected classes 1..40")
     return np.concatenate([NYU40_TO_13[:1], NYU40_TO_13[to_40]]), None
 
 
@@ -151,10 +162,13 @@ def open_hdf5(path: Path) -> Any:
 def _opened(path: Path, process: int) -> Any:
     import h5py
 
+    check_plain(path, "a MATLAB 7.3 file")
     try:
         return h5py.File(path, "r")
-    except OSError as error:
-        raise InputError(f"{path}: not a readable HDF5 file ({error}), expected a MATLAB 7.3 file") from error
+    except DECODER_ERRORS as error:
+        raise InputError(
+            f"{path}: not a readable HDF5 file ({reason(error)}), expected a MATLAB 7.3 file"
+        ) from error
 
 
 def dataset_of(content: Any, name: str, file: Path) -> Any:
@@ -202,11 +216,10 @@ def read_mat(path: Path, name: str) -> Any:
     Raises:
         InputError: unreadable, too large, or without this variable.
     """
+    check_plain(path, "a MATLAB file")
     check_mat_size(path)
-    try:
+    with reading(f"{path}: not a readable MATLAB file", "one of before version 7.3", MatReadError):
         content = scipy.io.loadmat(path, variable_names=[name], squeeze_me=True, struct_as_record=False)
-    except (OSError, ValueError, NotImplementedError, TypeError) as error:
-        raise InputError(f"{path}: not a readable MATLAB file ({error})") from error
     if name not in content:
         raise InputError(f"{path}: no variable {name!r} in it")
     return np.atleast_1d(content[name])

@@ -7,6 +7,7 @@ from pathlib import Path
 from dsmap.dsnet.datasets import folders, nyuv2, scannet, sunrgbd, unlabelled, voc
 from dsmap.dsnet.datasets.base import FileItem, LabelledSet
 from dsmap.errors import InputError
+from dsmap.reading import reading
 from dsmap.sequences.label_maps import load_label_map
 
 
@@ -45,13 +46,14 @@ def open_set(spec: Path | str, label_map: str | None = None) -> LabelledSet:
         InputError: nothing is there, parts are missing, or there is no such split.
     """
     path, split = _parse(str(spec))
-    if not path.exists():
-        raise InputError(f"{path}: no such folder, expected one with labelled images")
-    if split == unlabelled.SPLIT:
-        return unlabelled.load_unlabelled(path)
-    for layout in LAYOUTS.values():
-        if layout.matches(path):
-            return _through(label_map, path, layout.load(path, split))
+    with reading(path, "a data set of labelled images"):
+        if not path.exists():
+            raise InputError(f"{path}: no such folder, expected one with labelled images")
+        if split == unlabelled.SPLIT:
+            return unlabelled.load_unlabelled(path)
+        for layout in LAYOUTS.values():
+            if layout.matches(path):
+                return _through(label_map, path, layout.load(path, split))
     raise InputError(f"{path}: no data set, expected a folder or nyu_depth_v2_labeled.mat")
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from dsmap.classes import CLASS_NAMES, NYU40_TO_13
-from dsmap.dsnet.datasets.base import Example, FileItem, Item, LabelledSet, require, to_classes
+from dsmap.dsnet.datasets.base import Example, FileItem, Item, LabelledSet, guarded, require, to_classes
 from dsmap.dsnet.datasets.nyuv2 import checked_array, dataset_of, open_hdf5, read_mat
 from dsmap.errors import InputError
 from dsmap.sequences.images import read_colour
@@ -83,6 +83,7 @@ class ToolboxItem:
     def name(self) -> str:
         return f"{self.labels}:{self.index + 1}"
 
+    @guarded
     def read(self, with_geometry: bool = True) -> Example:
         content = open_hdf5(self.labels)
         try:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from dsmap.classes import CLASS_NAMES
-from dsmap.dsnet.datasets.base import Example, LabelledSet
+from dsmap.dsnet.datasets.base import Example, LabelledSet, guarded
 from dsmap.dsnet.datasets.geometry import DepthView
 from dsmap.sequences import Sequence, open_sequence
 
@@ -39,6 +39,7 @@ class FrameItem:
     def name(self) -> str:
         return f"{self.path}:{self.index}"
 
+    @guarded
     def read(self, with_geometry: bool = True) -> Example:
         sequence = _opened(self.path, os.getpid())
         frame = sequence.frame(self.index)

@@ -11,6 +11,7 @@ from dsmap.dsnet.datasets.base import (
     FileItem,
     Item,
     LabelledSet,
+    guarded,
     read_list,
     require,
     to_classes,
@@ -89,6 +90,7 @@ class SbdItem:
     def name(self) -> str:
         return str(self.mask)
 
+    @guarded
     def read(self, with_geometry: bool = True) -> Example:
         rgb = read_colour(self.rgb)
         record = read_mat(self.mask, "GTcls").ravel()[0]

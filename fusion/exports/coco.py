@@ -6,7 +6,7 @@ import numpy as np
 
 from dsmap.classes import CLASS_NAMES, PALETTE
 from dsmap.files import write_json
-from dsmap.fusion.exports.images import need_labels, write_png
+from dsmap.fusion.exports.images import labelled_frames, write_png
 from dsmap.sequences import Sequence
 
 THINGS = {"bed", "books", "chair", "furniture", "objects", "picture", "sofa", "table", "tv", "window"}
@@ -21,14 +21,10 @@ def export_coco(sequence: Sequence, out: Path) -> int:
     Raises:
         InputError: the recording has no labels.
     """
-    need_labels(sequence)
     images, annotations = [], []
-    for i in range(len(sequence)):
-        frame = sequence.frame(i)
-        if frame.label is None:
-            continue
-        stem, height, width = f"{i:06d}", *frame.label.shape
-        segments, ids = _segments(frame.label, frame.instance)
+    for i, label, frame in labelled_frames(sequence):
+        stem, height, width = f"{i:06d}", *label.shape
+        segments, ids = _segments(label, frame.instance)
         write_png(out / f"images/{stem}.png", frame.rgb[..., ::-1])
         # OpenCV writes BGR: the lowest byte goes into R.
         write_png(out / f"panoptic/{stem}.png", np.stack([ids >> 16, ids >> 8, ids], -1).astype(np.uint8))

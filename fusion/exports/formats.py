@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
+import shutil
 import numpy as np
 
 from dsmap.errors import InputError
@@ -178,4 +179,10 @@ def write(name: str, job: Job, out: Path) -> str:
         raise InputError(f"{name} of type {job.type!r}; expected one of: {', '.join(form.types)}")
     if not form.types and out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise InputError(f"{out}: found something there already, expected a new folder")
-    return form.write(job, out)
+    was_there = out.exists()
+    try:
+        return form.write(job, out)
+    except BaseException:  # half of it would stand in the way of the next try
+        if not was_there and out.is_dir():
+            shutil.rmtree(out, ignore_errors=True)
+        raise

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from dsmap.classes import CLASS_TO_NYU40, NYU40_NAMES
 from dsmap.files import atomic_path, write_json
-from dsmap.fusion.exports.images import need_labels, write_png
+from dsmap.fusion.exports.images import labelled_frames, write_png
 from dsmap.sequences import Sequence
 
 
@@ -16,14 +16,12 @@ def export_nyu40(sequence: Sequence, out: Path) -> int:
     Raises:
         InputError: the recording has no labels.
     """
-    need_labels(sequence)
     lines = []
-    for i, entry in enumerate(sequence.entries):
-        label = sequence.frame(i).label
-        if label is not None:
-            name = f"label40/{entry.time:.6f}.png"
-            write_png(out / name, CLASS_TO_NYU40[label])
-            lines.append(f"{entry.time:.6f} {name}")
+    for i, label, _ in labelled_frames(sequence):
+        time = sequence.entries[i].time
+        name = f"label40/{time:.6f}.png"
+        write_png(out / name, CLASS_TO_NYU40[label])
+        lines.append(f"{time:.6f} {name}")
     with atomic_path(out / "label40.txt") as file:
         file.write_text("# NYU40 class ids\n# timestamp filename\n" + "\n".join(lines) + "\n")
     write_json(out / "classes40.json", [{"id": i, "name": n} for i, n in enumerate(NYU40_NAMES)])

@@ -5,9 +5,11 @@ from typing import Any, Literal
 
 import numpy as np
 
-from dsmap.classes import CLASS_NAMES, colourise
+from dsmap.classes import CLASS_NAMES, NUM_CLASSES, colourise
 from dsmap.errors import InputError
 from dsmap.files import atomic_path
+from dsmap.limits import MAX_MESH_BYTES
+from dsmap.reading import check_plain, reading
 
 _FIELDS = (
     ("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("nx", "<f4"), ("ny", "<f4"), ("nz", "<f4"),
@@ -95,14 +97,13 @@ def read_ply(path: Path | str) -> np.ndarray:
         InputError: no such file, not such a PLY, or cut short.
     """
     path = Path(path)
-    if not path.is_file():
-        raise InputError(f"{path} does not exist; expected a PLY file")
-    with path.open("rb") as file:
+    check_plain(path, "a PLY file", MAX_MESH_BYTES)
+    with reading(path, "a PLY file"), path.open("rb") as file:
         dtype, count = _read_header(file, path)
-        vertices = np.fromfile(file, dtype=dtype, count=count)
-    if len(vertices) < count:
-        raise InputError(f"{path} ends after {len(vertices)} vertices; its header promises {count}")
-    return vertices
+        there = (path.stat().st_size - file.tell()) // dtype.itemsize
+        if there < count:
+            raise InputError(f"{path} ends after {there} vertices; its header promises {count}")
+        return np.fromfile(file, dtype=dtype, count=count)
 
 
 def up_of_ply(path: Path | str) -> np.ndarray | None:
@@ -111,7 +112,11 @@ def up_of_ply(path: Path | str) -> np.ndarray | None:
         for line in iter(lambda: file.readline(256), b"end_header\n"):
             words = line.decode("ascii", "replace").split()
             if words[:2] == ["comment", "up"] and len(words) == 5:
-                return np.array([float(word) for word in words[2:]])
+                with reading(path, "three numbers behind `comment up`"):
+                    up = np.array([float(word) for word in words[2:]])
+                if not abs(np.linalg.norm(up) - 1) < 1e-3:
+                    raise InputError(f"{path}: found up {' '.join(words[2:])}, expected a unit vector")
+                return up
             if not line:
                 break
     return None
@@ -136,6 +141,8 @@ def _read_header(file: Any, path: Path) -> tuple[np.dtype, int]:
         elif words[:1] == ["property"] and in_vertex:
             if len(words) != 3 or words[1] not in _PLY_TYPES:
                 raise InputError(f"{path}: the vertex property {words[1:]} is not a plain number")
+            if words[2] in dict(fields):
+                raise InputError(f"{path}: the vertex property {words[2]} is there twice; expected each once")
             fields.append((words[2], _PLY_TYPES[words[1]]))
     else:
         raise InputError(f"{path}: its PLY header has no `end_header` in 256 lines")
@@ -154,6 +161,14 @@ def surfels_of_ply(vertices: np.ndarray, path: Path | str) -> dict[str, np.ndarr
     missing = [name for name, _ in _FIELDS if name not in given]
     if missing:
         raise InputError(f"{path} was not written by dsmap: it has no vertex property {', '.join(missing)}")
+    for name, _ in _FIELDS:
+        values = vertices[name] if name in given and name != "segment" else np.zeros(0)
+        if values.dtype.kind == "f" and not np.isfinite(values).all():
+            raise InputError(f"{path}: {name} holds numbers that are none; expected finite ones")
+    if len(vertices) and not 0 <= vertices["label"].min() <= vertices["label"].max() < NUM_CLASSES:
+        raise InputError(
+            f"{path}: label goes to {vertices['label'].max()}; expected at most {NUM_CLASSES - 1}"
+        )
     columns = {name: vertices[name] for name, _ in _FIELDS if name in vertices.dtype.names}
     return {
         "position": np.stack([columns["x"], columns["y"], columns["z"]], axis=1),

@@ -13,6 +13,8 @@ import numpy as np
 
 from dsmap.classes import CLASS_NAMES
 from dsmap.errors import InputError
+from dsmap.plain import brief
+from dsmap.reading import is_file, reading
 from dsmap.sim_scenes.geometry.shapes import Shape, merged
 from dsmap.sim_scenes.importers.chunk import Foreign
 from dsmap.sim_scenes.importers.class_map import everyday, read_class_map
@@ -22,6 +24,10 @@ from dsmap.sim_scenes.scene import Part, Room, Scene
 MESHES = (".glb", ".gltf", ".obj")
 FORMATS = (*MESHES, ".ply", ".xml")
 _SHELL = tuple(CLASS_NAMES.index(name) for name in ("wall", "floor", "ceiling", "window", "void"))
+_FARTHEST = 1e4
+"""Of a vertex from the origin [m]."""
+_SMALLEST = 1e-3
+"""Extent of a scene [m]."""
 TARGETS = 40
 """Most things to look at."""
 
@@ -43,20 +49,49 @@ def load_scene(path: Path | str, class_map: Path | str | None = None, up: str | 
         raise InputError(
             f"{path}: found {path.suffix or 'no suffix'}, expected a file of: {', '.join(FORMATS)}"
         )
-    if not path.is_file():
+    if not is_file(path):
         raise InputError(f"{path}: there is no such file")
     if up not in (None, "y", "z"):
         raise InputError(f"up is {up!r}; expected y or z")
-    foreign = _read(path)
+    own_classes = read_class_map(class_map) if class_map else None
+    with reading(path, "a scene"), np.errstate(all="ignore"):
+        foreign = _read(path)
+        _check(path, foreign)
+        classes = own_classes or foreign.class_map or everyday()
+        labels = [classes.resolve(chunk.keys) for chunk in foreign.chunks]
+        classes.require(path)
+        turn = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]) if (up or foreign.up) == "y" else np.eye(3)
+        shapes = [chunk.shape.turned(turn) for chunk in foreign.chunks]
+        shift = -_origin(merged(shapes))
+        return _assemble(path, foreign, [s.moved(shift) for s in shapes], labels, turn, shift)
+
+
+def _check(path: Path, foreign: Foreign) -> None:
+    """Refuse what no renderer can show: no faces, faces beyond the vertices, vertices that are nowhere.
+
+    Raises:
+        InputError: names the thing.
+    """
     if not foreign.chunks:
         raise InputError(f"{path}: found no faces, expected at least one triangle mesh")
-    classes = read_class_map(class_map) if class_map else foreign.class_map or everyday()
-    labels = [classes.resolve(chunk.keys) for chunk in foreign.chunks]
-    classes.require(path)
-    turn = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]) if (up or foreign.up) == "y" else np.eye(3)
-    shapes = [chunk.shape.turned(turn) for chunk in foreign.chunks]
-    shift = -_origin(merged(shapes))
-    return _assemble(path, foreign, [s.moved(shift) for s in shapes], labels, turn, shift)
+    for chunk in foreign.chunks:
+        shape, name = chunk.shape, brief(chunk.keys[0]) if chunk.keys else "a mesh"
+        if not len(shape.faces) or not 0 <= shape.faces.min() <= shape.faces.max() < len(shape.vertices):
+            raise InputError(
+                f"{path}: {name} has faces beyond its {len(shape.vertices)} vertices, or none; expected some"
+            )
+        if not np.abs(shape.vertices).max() <= _FARTHEST:  # not so for NaN
+            raise InputError(
+                f"{path}: {name} has a vertex at {np.abs(shape.vertices).max():g}; expected metres, at most "
+                f"{_FARTHEST:g}"
+            )
+        if not np.isfinite(shape.uv).all():
+            raise InputError(
+                f"{path}: {name} has texture coordinates that are no numbers; expected finite ones"
+            )
+    whole = np.array([chunk.shape.bounds() for chunk in foreign.chunks])
+    if not (whole[:, 1].max(0) - whole[:, 0].min(0)).max() > _SMALLEST:
+        raise InputError(f"{path}: the whole scene is a point; expected one of at least {_SMALLEST:g} m")
 
 
 def _read(path: Path) -> Foreign:

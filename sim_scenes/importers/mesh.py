@@ -1,7 +1,9 @@
 """Readers of triangle meshes for `importers`: GLB, glTF and OBJ scenes, labelled PLY scans."""
 
-import json
-from collections.abc import Hashable
+import contextlib
+import logging
+import warnings
+from collections.abc import Hashable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +11,10 @@ import cv2
 import numpy as np
 import trimesh
 
-from dsmap.errors import InputError
+from dsmap.errors import InputError, InputWarning
+from dsmap.limits import MAX_MESH_BYTES
+from dsmap.plain import read_json
+from dsmap.reading import check_plain, reason
 from dsmap.sim_scenes.geometry.shapes import Shape
 from dsmap.sim_scenes.importers.chunk import Chunk, Foreign
 from dsmap.sim_scenes.importers.class_map import everyday, own
@@ -83,11 +88,48 @@ def read_scan(path: Path) -> Foreign:
 
 
 def _load(path: Path) -> Any:
+    check_plain(path, f"a {path.suffix[1:].upper()} mesh", MAX_MESH_BYTES)
     try:
-        return trimesh.load(path, process=False)
+        with _told_of_losses(path):
+            return trimesh.load(path, process=False)
     except Exception as error:  # trimesh lets through whatever its parsers meet
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise InputError(f"{path}: not readable as a {path.suffix[1:].upper()} mesh ({reason})") from error
+        raise InputError(
+            f"{path}: not readable as a {path.suffix[1:].upper()} mesh ({reason(error)})"
+        ) from error
+
+
+class _Losses(logging.Handler):
+    """Collects what trimesh could not load."""
+
+    def __init__(self) -> None:
+        super().__init__(logging.DEBUG)
+        self.found: list[str] = []
+
+    def emit(self, record: logging.LogRecord) -> None:
+        text = " ".join(record.getMessage().split())
+        if (
+            text.lower().startswith(("failed to load", "unable to load", "failed to"))
+            and text not in self.found
+        ):
+            self.found.append(text)
+
+
+@contextlib.contextmanager
+def _told_of_losses(path: Path) -> Iterator[None]:
+    """An image or a material that trimesh cannot load becomes grey, with no more than a line for debugging."""
+    log, losses = logging.getLogger("trimesh"), _Losses()
+    level, passes_on = log.level, log.propagate
+    log.addHandler(losses)
+    log.setLevel(logging.DEBUG)
+    log.propagate = False
+    try:
+        yield
+    finally:
+        log.removeHandler(losses)
+        log.setLevel(level)
+        log.propagate = passes_on
+        for text in losses.found:
+            warnings.warn(InputWarning(f"{path}: {text}: what it belongs to is shown plain"), stacklevel=2)
 
 
 def _is_ours(path: Path) -> bool:
@@ -100,13 +142,13 @@ def _replica(path: Path) -> tuple[Any, dict[int, str] | None]:
     beside = path.parent / "info_semantic.json"
     if not beside.is_file():
         return None, None
+    content = read_json(beside, "Replica's classes (id, name) and objects (id, class_id)")
     try:
-        content = json.loads(beside.read_text())
         names = {int(c["id"]): str(c["name"]) for c in content["classes"]}
         return everyday(), {int(o["id"]): names.get(int(o["class_id"]), "void") for o in content["objects"]}
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (ValueError, KeyError, TypeError) as error:
         raise InputError(
-            f"{beside}: found {error}, expected Replica's classes (id, name) and objects (id, class_id)"
+            f"{beside}: found {reason(error)}, expected Replica's classes (id, name) and objects (id, class_id)"
         ) from error
 
 

@@ -3,13 +3,16 @@
 # pyright: reportAttributeAccessIssue=false
 # (MuJoCo fills its module at run time.)
 
+import warnings
 from collections.abc import Hashable
 from pathlib import Path
 
 import mujoco
 import numpy as np
 
-from dsmap.errors import InputError
+from dsmap.errors import InputError, InputWarning
+from dsmap.limits import MAX_TEXT_BYTES
+from dsmap.reading import check_plain, reason
 from dsmap.sim_scenes.geometry.shapes import Shape, box, cushion, lathe
 from dsmap.sim_scenes.importers.chunk import Chunk, Foreign
 from dsmap.sim_scenes.importers.mjcf_size import check_size
@@ -23,13 +26,19 @@ _WIDE = 20.0
 
 def read_mjcf(path: Path) -> Foreign:
     """The model at rest (`qpos0`). Names for the class: geom, bodies from the inside out, mesh, material, `group N`."""
+    check_plain(path, "an MJCF model", MAX_TEXT_BYTES)
     check_size(path)
+    # Without a handler of ours MuJoCo writes its warnings to MUJOCO_LOG.TXT in the user's folder.
+    mujoco.set_mju_user_warning(lambda text: warnings.warn(InputWarning(f"{path}: {text}"), stacklevel=2))
     try:
         model = mujoco.MjModel.from_xml_path(str(path))
     except (ValueError, mujoco.FatalError, mujoco.UnexpectedError) as error:
-        raise InputError(f"{path}: not readable as MJCF ({str(error).splitlines()[0]})") from error
+        raise InputError(f"{path}: not readable as MJCF ({reason(error)})") from error
     data = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
+    try:
+        mujoco.mj_forward(model, data)
+    except (mujoco.FatalError, mujoco.UnexpectedError) as error:
+        raise InputError(f"{path}: no model at rest ({reason(error)}), expected one") from error
     looks: dict[Hashable, Material] = {}
     chunks = []
     for geom in range(model.ngeom):

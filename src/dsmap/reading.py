@@ -17,7 +17,7 @@ import cv2
 from dsmap.errors import InputError
 
 DECODER_ERRORS = (
-    ValueError, TypeError, LookupError, AttributeError, ArithmeticError, RecursionError, MemoryError, EOFError, OSError,
+    ValueError, TypeError, LookupError, AttributeError, ArithmeticError, RuntimeError, MemoryError, EOFError, OSError,
     AssertionError, NotImplementedError, SyntaxError, struct.error, zlib.error, lzma.LZMAError, zipfile.BadZipFile,
     sqlite3.Error, cv2.error,
 )  # fmt: skip

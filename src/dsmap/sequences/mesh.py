@@ -83,6 +83,8 @@ def read_mesh(path: Path | str) -> LabelledMesh:
     data = read_bytes(path, "a labelled mesh", MAX_MESH_BYTES)
     head, _, body = data.partition(b"end_header\n")
     (v, vertex_type), (f, face_type) = _layout(path, head.decode("ascii", "replace").splitlines())
+    if min(v, f) < 0:
+        raise InputError(f"{path}: found {v} vertices and {f} faces, expected numbers from 0")
     expected = v * vertex_type.itemsize + f * face_type.itemsize
     if len(body) != expected:
         raise InputError(
@@ -93,6 +95,8 @@ def read_mesh(path: Path | str) -> LabelledMesh:
     indices = faces[_INDICES]["i"].astype(np.int32)
     if (faces[_INDICES]["n"] != 3).any() or (f and not 0 <= indices.min() <= indices.max() < v):
         raise InputError(f"{path}: found faces that are no triangles of its {v} vertices")
+    if not all(np.isfinite(vertices[name]).all() for name in "xyz"):
+        raise InputError(f"{path}: found vertices that are no numbers, expected finite ones")
     return LabelledMesh(
         np.stack([vertices[name].astype(np.float32) for name in "xyz"], axis=1),
         indices,
