@@ -1,11 +1,11 @@
 """What dsmap writes for other programs: every format with its file types, and the function that writes it."""
 
+import shutil
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-import shutil
 import numpy as np
 
 from dsmap.errors import InputError

@@ -13,15 +13,20 @@ from dsmap.frame import Frame
 from dsmap.sequences import Sequence
 
 
+def need_labels(sequence: Sequence) -> None:
+    """Raises InputError where a recording has no labels."""
+    if not sequence.has_labels:
+        why = sequence.recording.labels_unused or "found no label images, expected some (label.txt)"
+        raise InputError(f"{sequence.path}: {why}")
+
+
 def labelled_frames(sequence: Sequence) -> Iterator[tuple[int, np.ndarray, Frame]]:
     """Number, labels and images of the frames that have labels; one that is damaged is named and left out.
 
     Raises:
         InputError: the recording has no labels, or none that can be read.
     """
-    if not sequence.has_labels:
-        why = sequence.recording.labels_unused or "found no label images, expected some (label.txt)"
-        raise InputError(f"{sequence.path}: {why}")
+    need_labels(sequence)
     for i, frame in _readable(sequence, range(len(sequence))):
         if frame.label is not None:
             yield i, frame.label, frame

@@ -85,7 +85,7 @@ def test_ply_of_another_program_is_named(tmp_path):
     (tmp_path / "x.ply").write_bytes(header + b"\0\0\0\0")
     with pytest.raises(InputError, match="not written by dsmap.*radius"):
         surfels_of_ply(read_ply(tmp_path / "x.ply"), "x.ply")
-    with pytest.raises(InputError, match="does not exist"):
+    with pytest.raises(InputError, match="cannot be read"):
         read_ply(tmp_path / "missing.ply")
 
 
