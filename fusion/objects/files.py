@@ -1,17 +1,31 @@
 """`objects.json` and `scene_graph.json` of a RUN."""
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from dsmap.classes import CLASS_NAMES
+from dsmap.errors import InputError
 from dsmap.files import write_json
+from dsmap.fusion.objects.boxes import Box
 from dsmap.fusion.objects.relations import find_relations, find_rooms
 from dsmap.fusion.objects.things import Plane, SceneObjects, Thing
+from dsmap.plain import read_json
 
 OBJECTS, SCENE_GRAPH = "objects.json", "scene_graph.json"
 """Names of the files."""
+_EXPECTED = "objects.json as `dsmap map` writes it"
+
+
+@dataclass(frozen=True)
+class NamedBox:
+    """A thing as its file has it."""
+
+    name: str
+    label: int
+    box: Box
 
 
 def write_objects(folder: Path | str, scene: SceneObjects) -> None:
@@ -24,6 +38,29 @@ def remove_objects(folder: Path | str) -> None:
     """Remove the files of an earlier run: they tell of another map than the one that is there now."""
     for name in (OBJECTS, SCENE_GRAPH):
         (Path(folder) / name).unlink(missing_ok=True)
+
+
+def read_boxes(folder: Path | str) -> list[NamedBox]:
+    """The boxes of a RUN's objects.json; none where it has no such file.
+
+    Raises:
+        InputError: the file is damaged.
+    """
+    path = Path(folder) / OBJECTS
+    if not path.is_file():
+        return []
+    tree = read_json(path, _EXPECTED)
+    try:
+        return [_named_box(one) for one in tree["objects"]]
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(f"{path}: damaged ({error}); expected {_EXPECTED}") from error
+
+
+def _named_box(one: dict[str, Any]) -> NamedBox:
+    T, extent = (np.array(one["box"][name], np.float64) for name in ("T_world_box", "extent"))
+    if T.shape != (4, 4) or extent.shape != (3,) or not (np.isfinite(T).all() and np.isfinite(extent).all()):
+        raise ValueError(f"box of {str(one['name'])[:40]!r}")
+    return NamedBox(str(one["name"]), CLASS_NAMES.index(one["class"]), Box(T, extent))
 
 
 def objects_tree(scene: SceneObjects) -> dict[str, Any]:

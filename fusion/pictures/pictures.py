@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 
-from dsmap.classes import NUM_CLASSES, VOID, colourise
+from dsmap.classes import NUM_CLASSES, PALETTE, VOID, colourise
 from dsmap.frame import Frame, Intrinsics
+from dsmap.fusion.objects.boxes import EDGES
+from dsmap.fusion.objects.files import NamedBox
 from dsmap.fusion.pictures import plots
 from dsmap.fusion.pictures.shading import BACKGROUND, render, shaded_image
 from dsmap.fusion.pictures.viewpoint import View, level_axes, overview, up_direction
@@ -71,6 +73,33 @@ class Overview:
             self._draw_path(image, path)
         return cv2.resize(image, self.size, interpolation=cv2.INTER_AREA)
 
+    def with_boxes(self, colours: np.ndarray, boxes: Sequence[NamedBox]) -> np.ndarray:
+        """The overview in the given surfel colours with boxes in the colours of their classes, and their names."""
+        image = shaded_image(self.rendering, colours, 0.35)
+        T, K = np.linalg.inv(self.view.T_world_camera), self.view.intrinsics.K
+        for one in boxes:
+            points = one.box.corners() @ T[:3, :3].T + T[:3, 3]
+            if points[:, 2].min() <= 0.01:
+                continue
+            pixels = points @ K.T
+            pixels = np.rint(pixels[:, :2] / pixels[:, 2:]).astype(int)
+            colour = PALETTE[one.label].tolist()
+            for a, b in EDGES:
+                cv2.line(image, pixels[a].tolist(), pixels[b].tolist(), colour, 4, cv2.LINE_AA)
+            at = pixels[pixels[:, 1].argmin()] - [0, 8]
+            for grey, thick in ((255, 9), (0, 3)):
+                cv2.putText(
+                    image,
+                    one.name,
+                    at.tolist(),
+                    cv2.FONT_HERSHEY_SIMPLEX,
+                    1.0,
+                    (grey,) * 3,
+                    thick,
+                    cv2.LINE_AA,
+                )
+        return cv2.resize(image, self.size, interpolation=cv2.INTER_AREA)
+
     def _draw_path(self, image: np.ndarray, path: np.ndarray) -> None:
         T = np.linalg.inv(self.view.T_world_camera)
         points = path @ T[:3, :3].T + T[:3, 3]
@@ -93,6 +122,13 @@ def time_colours(time: np.ndarray) -> tuple[np.ndarray, float, float]:
     return plots.through_colour_map("turbo", (time - low) / max(high - low, 1.0)), low, max(high, low + 1)
 
 
+def segment_colours(segment: np.ndarray) -> np.ndarray:
+    """Segment numbers as colours that differ between neighbours: RGB uint8 (N, 3); 0 is grey."""
+    table = np.random.default_rng(0).integers(40, 256, (1024, 3)).astype(np.uint8)
+    table[0] = 90
+    return table[np.where(segment > 0, 1 + segment % 1023, 0)]
+
+
 def shown_weight(weight: np.ndarray, min_weight: float) -> float:
     """`min_weight`, or 0 if it left less than a third of the living surfels (a short recording)."""
     return min_weight if (weight >= min_weight).sum() >= (weight > 0).sum() / 3 else 0.0
@@ -104,17 +140,20 @@ def write_views(
     poses: np.ndarray,
     min_weight: float = 0.0,
     up: np.ndarray | None = None,
+    boxes: Sequence[NamedBox] = (),
 ) -> list[Path]:
-    """Write `map_colour.png`, `map_label.png`, `map_confidence.png` and `map_time.png`.
+    """Write `map_colour.png`, `map_label.png`, `map_segment.png`, `map_objects.png`, `map_confidence.png` and
+    `map_time.png`.
 
     Args:
         surfels: the map; nothing is written if it has no surfel.
         poses: T_world_camera of the frames, shape (M, 4, 4).
         min_weight: surfels of a lower confidence are left out, unless that leaves less than a third.
         up: in the world's frame, shape (3,); None: by normals and poses.
+        boxes: of the things of the map.
 
     Returns:
-        The files written; `map_label.png` only if some surfel has a label.
+        The files written; those of labels, segments and objects only where there are any.
     """
     weight = surfels.numpy()["weight"]
     if not (weight > 0).any():
@@ -130,6 +169,12 @@ def write_views(
         pixels = np.bincount(arrays["label"][seen], minlength=NUM_CLASSES)
         present = np.flatnonzero(pixels > _LEGEND_SHARE * len(seen)).tolist()
         plots.save_with_legend(paths[-1], scene.picture(colourise(arrays["label"]), 0.8), present)
+    if arrays["segment"].any():
+        paths.append(folder / "map_segment.png")
+        plots.save_image(paths[-1], scene.picture(segment_colours(arrays["segment"]), 0.8))
+    if boxes:
+        paths.append(folder / "map_objects.png")
+        plots.save_image(paths[-1], scene.with_boxes(_rgb(arrays), boxes))
     for name, title, (colours, low, high), log in (
         ("confidence", "surfel confidence", confidence_colours(weight, max(1.0, min_weight)), True),
         ("time", "frame of the first observation", time_colours(arrays["t_created"]), False),
@@ -219,6 +264,7 @@ def write_pictures(
     reference_trajectory: Sequence[np.ndarray | None] | None = None,
     stable_weight: float = 10.0,
     up: np.ndarray | None = None,
+    boxes: Sequence[NamedBox] = (),
 ) -> list[Path]:
     """Write all pictures of a run into `run_dir/pictures`: the map, the trajectory, the strip.
 
@@ -230,6 +276,7 @@ def write_pictures(
         reference_trajectory: reference pose of each point of the trajectory, T_world_camera or None.
         stable_weight: surfels below this confidence are left out of the overviews.
         up: in the world's frame, shape (3,); None: by normals and poses.
+        boxes: of the things of the map.
 
     Returns:
         The files written.
@@ -239,7 +286,7 @@ def write_pictures(
     """
     folder = Path(run_dir) / "pictures"
     poses = np.array([point.T_world_camera for point in trajectory], dtype=np.float64).reshape(-1, 4, 4)
-    written = write_views(folder, surfels, poses, stable_weight, up)
+    written = write_views(folder, surfels, poses, stable_weight, up, boxes)
     if len(poses):
         written.append(folder / "trajectory.png")
         write_trajectory_picture(written[-1], surfels.numpy()["normal"], trajectory, reference_trajectory, up)

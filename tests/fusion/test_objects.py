@@ -62,6 +62,7 @@ def slab(centre, size, name: str, spacing: float = 0.02) -> dict[str, np.ndarray
         "t_created": np.full(count, 7, np.int32),
         "t_updated": np.full(count, 42, np.int32),
         "label": np.full(count, CLASS_NAMES.index(name), np.uint8),
+        "segment": np.zeros(count, np.int32),
     }
 
 

@@ -36,6 +36,7 @@ def room_arrays(spacing: float = 0.03) -> dict[str, np.ndarray]:
         "t_created": np.linspace(0, 90, count).astype(np.int32),
         "t_updated": np.full(count, 99, np.int32),
         "label": label.astype(np.uint8),
+        "segment": label.astype(np.int32),
     }
 
 

@@ -32,12 +32,28 @@ def run_dir(tmp_path_factory):
 
 def test_png_renders_the_views(run_dir, tmp_path, capsys):
     assert main(Args(run=run_dir, png=tmp_path)) == 0
-    names = ["map_colour.png", "map_label.png", "map_confidence.png", "map_time.png"]
+    names = ["map_colour.png", "map_label.png", "map_segment.png", "map_confidence.png", "map_time.png"]
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted(names)
     assert all(name in capsys.readouterr().out or name for name in names)
     image = cv2.imread(str(tmp_path / "map_time.png"))
     assert image.shape == (960, 1280, 3)
     assert image.std() > 10
+
+
+def test_png_draws_boxes_with_names(run_dir, tmp_path):
+    shutil.copytree(run_dir, tmp_path / "run")
+    file = tmp_path / "run" / "objects.json"
+    box = {"T_world_box": np.eye(4).tolist(), "extent": [1.0, 1.0, 1.0]}
+    file.write_text(json.dumps({"objects": [{"name": "table 1", "class": "table", "box": box}]}))
+    assert main(Args(run=tmp_path / "run", png=tmp_path / "with")) == 0
+    assert main(Args(run=tmp_path / "run", png=tmp_path / "without", boxes=False)) == 0
+    image = cv2.imread(str(tmp_path / "with" / "map_objects.png"))[..., ::-1]
+    near = np.abs(image.astype(int) - PALETTE[TABLE]).max(axis=-1) < 12
+    assert near.sum() > 100, "lines in the colour of the class"
+    assert not (tmp_path / "without" / "map_objects.png").exists()
+    file.write_text('{"objects": [{"name": "table 1", "class": "lamp"}]}')
+    with pytest.raises(InputError, match=r"objects\.json: damaged"):
+        main(Args(run=tmp_path / "run", png=tmp_path / "with"))
 
 
 def test_not_a_run_is_a_clear_error(run_dir, tmp_path):

@@ -10,6 +10,7 @@ import tyro
 
 from dsmap.errors import InputError
 from dsmap.fusion.exports.ply import read_ply, surfels_of_ply, up_of_ply
+from dsmap.fusion.objects.files import NamedBox, read_boxes
 from dsmap.ranges import Range
 from dsmap.sequences.associate import pose_matrix
 from dsmap.sequences.pose_lists import read_poses
@@ -30,6 +31,8 @@ class Args:
     """Send at most this many points to the browser; a larger map is thinned out evenly."""
     min_confidence: Annotated[float, Range(0, 1e9)] = 10.0
     """Show surfels of at least this confidence at first (all, if that would leave out most of the map)."""
+    boxes: bool = True
+    """Draw the boxes and names of the things of objects.json; in the browser there is a switch for each."""
 
 
 def main(args: Args) -> int:
@@ -39,13 +42,14 @@ def main(args: Args) -> int:
     if args.max_points < 1:
         raise InputError(f"--max-points is {args.max_points}; expected at least 1")
     arrays, poses, up = read_run(args.run)
+    boxes = read_boxes(args.run) if args.boxes else []
     if args.png is not None:
-        return _draw(args, arrays, poses, up)
+        return _draw(args, arrays, poses, up, boxes)
     from dsmap.tools.support.viewer import Cloud, MapViewer
 
     cloud = Cloud(arrays, args.max_points)
     viewer = MapViewer(
-        cloud, poses, args.min_confidence, args.host, args.port, args.run.resolve().name, up=up
+        cloud, poses, args.min_confidence, args.host, args.port, args.run.resolve().name, up=up, things=boxes
     )
     port = viewer.server.get_port()
     print(f"{args.run}: {len(arrays['weight']):,} surfels, {len(cloud):,} of them sent to the browser")
@@ -76,7 +80,9 @@ def read_run(run: Path) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray |
     return arrays, poses, up_of_ply(run / "map.ply")
 
 
-def _draw(args: Args, arrays: dict[str, np.ndarray], poses: np.ndarray, up: np.ndarray | None) -> int:
+def _draw(
+    args: Args, arrays: dict[str, np.ndarray], poses: np.ndarray, up: np.ndarray | None, boxes: list[NamedBox]
+) -> int:
     from dsmap.fusion.pictures.pictures import write_views
     from dsmap.kernels.types import SurfelMap
 
@@ -86,6 +92,6 @@ def _draw(args: Args, arrays: dict[str, np.ndarray], poses: np.ndarray, up: np.n
     target = surfels.numpy()
     for name, values in arrays.items():
         target[name][:] = values
-    for path in write_views(args.png, surfels, poses, args.min_confidence, up):
+    for path in write_views(args.png, surfels, poses, args.min_confidence, up, boxes):
         print(path)
     return 0

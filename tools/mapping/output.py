@@ -8,7 +8,7 @@ import numpy as np
 
 from dsmap.files import all_that_fits, write_json, write_yaml
 from dsmap.fusion.labels.segment import segment_later
-from dsmap.fusion.objects.files import OBJECTS
+from dsmap.fusion.objects.files import OBJECTS, read_boxes
 from dsmap.fusion.runs.map_recording import RunState
 from dsmap.fusion.runs.run_folder import config_values, save_run, statistics
 from dsmap.sequences import Sequence
@@ -74,7 +74,16 @@ def draw_pictures(out: Path, state: RunState, sequence: Sequence) -> None:
         strip.append(StripFrame(frame, result.T_world_camera, predicted))
     reference = [sequence.T_world_camera(i) for i in range(len(sequence))]
     points = mapper.trajectory[mapper.first_frame :]
-    write_pictures(out, mapper.surfels, points, sequence.intrinsics, strip, reference, up=mapper.up)
+    write_pictures(
+        out,
+        mapper.surfels,
+        points,
+        sequence.intrinsics,
+        strip,
+        reference,
+        up=mapper.up,
+        boxes=read_boxes(out),
+    )
 
 
 def remove_pictures(out: Path) -> None:

@@ -2,7 +2,9 @@
 
 import contextlib
 import io
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import viser
@@ -11,11 +13,13 @@ from viser import _messages
 
 from dsmap.classes import CLASS_NAMES, PALETTE, colourise
 from dsmap.errors import InputError
-from dsmap.fusion.pictures.pictures import confidence_colours, shown_weight, time_colours
+from dsmap.fusion.objects.boxes import EDGES
+from dsmap.fusion.objects.files import NamedBox
+from dsmap.fusion.pictures.pictures import confidence_colours, segment_colours, shown_weight, time_colours
 from dsmap.fusion.pictures.viewpoint import overview, up_direction
 from dsmap.tools.support.viewer_guard import Guard
 
-MODES = ("colour", "label", "confidence", "time")
+MODES = ("colour", "label", "segment", "confidence", "time")
 _FRUSTA = 24
 """Camera frusta drawn along the path."""
 
@@ -44,6 +48,8 @@ class Cloud:
         """RGB of every point, uint8, shape (n, 3), for one of MODES."""
         if mode == "label":
             return colourise(self.arrays["label"])
+        if mode == "segment":
+            return segment_colours(self.arrays["segment"])
         if mode == "confidence":
             return confidence_colours(self.arrays["weight"])[0]
         if mode == "time":
@@ -71,6 +77,7 @@ class MapViewer:
         port: int,
         title: str,
         up: np.ndarray | None = None,
+        things: Sequence[NamedBox] = (),
     ) -> None:
         """Start the server; only who has its `address` gets in (see `viewer_guard`).
 
@@ -81,6 +88,7 @@ class MapViewer:
             host, port: where to listen; the next free port is taken if this one is in use.
             title: title of the page.
             up: in the world's frame, shape (3,); None: by normals and poses.
+            things: boxes to draw, with their names.
         """
         self.cloud = cloud
         shown = self.cloud.arrays
@@ -104,6 +112,8 @@ class MapViewer:
         self._place_camera()
         self._add_switches(shown_weight(shown["weight"], min_confidence))
         self._add_path(poses)
+        if things:
+            self._add_things(things)
         self.points = self.server.scene.add_point_cloud(
             "/map",
             shown["position"],
@@ -180,10 +190,29 @@ class MapViewer:
                 )  # fmt: skip
             )
 
-        @show.on_update
+        self._switch(show, handles)
+
+    def _add_things(self, things: Sequence[NamedBox]) -> None:
+        gui, scene = self.server.gui, self.server.scene
+        ends = [one.box.corners()[np.array(EDGES)] for one in things]
+        colours = [np.broadcast_to(PALETTE[one.label], (len(EDGES), 2, 3)) for one in things]
+        lines = scene.add_line_segments(
+            "/things/boxes", np.concatenate(ends), np.concatenate(colours), thickness=0.006
+        )
+        names = [
+            scene.add_label(f"/things/name_{i}", one.name, position=one.box.corners()[-1])
+            for i, one in enumerate(things)
+        ]
+        for title, handles in (("Boxes", [lines]), ("Names", names)):
+            self._switch(gui.add_checkbox(title, True), handles)
+
+    def _switch(self, box: Any, handles: Sequence[Any]) -> None:
+        """Let a checkbox show and hide parts of the scene."""
+
+        @box.on_update
         def _(_: object) -> None:
             for handle in handles:
-                handle.visible = show.value
+                handle.visible = box.value
 
     def _place_camera(self) -> None:
         forward = self.view.T_world_camera[:3, 2]
