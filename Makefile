@@ -56,11 +56,11 @@ lint: $(VENV)/.dev
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 
-# pyright does not see through the package mapping of an editable install: a folder of links shows it one package.
+# pyright sees neither through the package mapping of an editable install nor through links to folders: it is shown a
+# copy, put together as the package is when it is installed.
 typecheck: $(VENV)/.dev
 	@rm -rf build/typing && mkdir -p build/typing/dsmap
-	@ln -s $(CURDIR)/src/dsmap/* build/typing/dsmap/
-	@for part in kernels fusion dsnet sim_scenes tools; do ln -s $(CURDIR)/$$part build/typing/dsmap/$$part; done
+	@cp -R src/dsmap/. build/typing/dsmap && cp -R kernels fusion dsnet sim_scenes tools build/typing/dsmap
 	$(BIN)/pyright
 
 # ImageNet's weights of the encoder, which training dsnet-p begins with.

@@ -4,8 +4,10 @@ from typing import Any
 
 import warp as wp
 
+from dsmap.kernels.runtime import struct
 
-@wp.struct
+
+@struct
 class Camera:
     """Pinhole intrinsics [px] and image size; integer pixel centres (see dsmap.frame)."""
 

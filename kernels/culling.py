@@ -17,7 +17,7 @@ import warp as wp
 from dsmap.kernels.camera import Camera
 from dsmap.kernels.index_map import MAX_SPLAT
 from dsmap.kernels.launch import BLOCK, Slice, launch_rows
-from dsmap.kernels.types import SurfelMap
+from dsmap.kernels.types import SurfelArrays, SurfelMap
 
 _NEVER = wp.constant(2**31 - 1)
 _BORDER = float(MAX_SPLAT) + 1.0
@@ -33,9 +33,7 @@ def _measure(
     blocks: wp.array(dtype=wp.int32),
     count: int,
     stable_weight: float,
-    position: wp.array(dtype=wp.vec3),
-    weight: wp.array(dtype=wp.float32),
-    t_updated: wp.array(dtype=wp.int32),
+    m: SurfelArrays,
     low: wp.array(dtype=wp.vec3),
     high: wp.array(dtype=wp.vec3),
     living: wp.array(dtype=wp.int32),
@@ -51,12 +49,12 @@ def _measure(
     first_unstable = int(_NEVER)
     first = int(_NEVER)
     for i in range(b * BLOCK, wp.min((b + 1) * BLOCK, count)):
-        w = weight[i]
+        w = m.weight[i]
         if w > 0.0:
             alive += 1
-            lo = wp.min(lo, position[i])
-            hi = wp.max(hi, position[i])
-            t = t_updated[i]
+            lo = wp.min(lo, m.position[i])
+            hi = wp.max(hi, m.position[i])
+            t = m.t_updated[i]
             first = wp.min(first, t)
             if w < stable_weight:
                 first_unstable = wp.min(first_unstable, t)
@@ -176,7 +174,7 @@ class Blocks:
         self._allocate(self._count)
         if m.count == 0 or blocks.shape[0] == 0:
             return
-        inputs = [blocks, m.count, self.stable_weight, m.position, m.weight, m.t_updated]
+        inputs = [blocks, m.count, self.stable_weight, m.arrays]
         outputs = [self._low, self._high, self._living, self._waiting, self._oldest]
         # The width says how much work a row is; a small launch stays on one thread.
         launch_rows(_measure, blocks.shape[0], int(BLOCK), inputs, outputs, m.device, lanes=1)

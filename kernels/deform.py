@@ -7,7 +7,7 @@ import numpy as np
 import warp as wp
 
 from dsmap.kernels.launch import Slice, launch_items
-from dsmap.kernels.types import SurfelMap
+from dsmap.kernels.types import SurfelArrays, SurfelMap
 
 INFLUENCES = 4
 """k: nodes that move a surfel."""
@@ -64,17 +64,14 @@ def _deform(
     shift: wp.array(dtype=wp.vec3),
     window: wp.array(dtype=wp.vec2i),
     first_time: wp.int32,
-    t_created: wp.array(dtype=wp.int32),
-    weight: wp.array(dtype=wp.float32),
-    position: wp.array(dtype=wp.vec3),
-    normal: wp.array(dtype=wp.vec3),
+    m: SurfelArrays,
 ):
     block = s.first + s.stride * wp.tid()
     for i in range(block * s.step, wp.min((block + 1) * s.step, s.count)):
-        if weight[i] <= 0.0:
+        if m.weight[i] <= 0.0:
             continue
-        p = position[i]
-        span = window[wp.clamp(t_created[i] - first_time, 0, window.shape[0] - 1)]
+        p = m.position[i]
+        span = window[wp.clamp(m.t_created[i] - first_time, 0, window.shape[0] - 1)]
         distance = Distances(_FAR)
         nearest = Indices(0)
         for j in range(span[0], span[1]):
@@ -105,9 +102,10 @@ def _deform(
             n = nearest[k]
             moved += w * (linear[n] * (p - node[n]) + shift[n])
             bend += w * linear[n]
-        position[i] = p + moved
+        m.position[i] = p + moved
         if wp.ddot(bend, bend) > 0.0:
-            normal[i] = wp.normalize(_cofactor(wp.identity(n=3, dtype=wp.float32) + bend) * normal[i])
+            F = wp.identity(n=3, dtype=wp.float32) + bend
+            m.normal[i] = wp.normalize(_cofactor(F) * m.normal[i])
 
 
 def deform_surfels(surfels: SurfelMap, graph: GraphNodes) -> None:
@@ -117,13 +115,5 @@ def deform_surfels(surfels: SurfelMap, graph: GraphNodes) -> None:
     rest (A = I, t = 0) changes nothing, bit for bit.
     """
     m = surfels
-    inputs = [
-        graph.position,
-        graph.linear,
-        graph.shift,
-        graph.window,
-        graph.first_time,
-        m.t_created,
-        m.weight,
-    ]
-    launch_items(_deform, m.count, inputs, [m.position, m.normal], m.device)
+    inputs = [graph.position, graph.linear, graph.shift, graph.window, graph.first_time, m.arrays]
+    launch_items(_deform, m.count, inputs, [], m.device)

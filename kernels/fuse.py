@@ -225,8 +225,8 @@ def fuse_frame(
     surfel of its 3x3 neighbourhood lies within one pixel footprint d/f of it along the surface. Without
     that rule every small motion leaves pixels without a surfel of their own and the map fills with
     copies; with it there is about one surfel a pixel of the finest view. New surfels are appended in
-    image order. match: int32, shape (H, W), from `associate`; time: frame number; colours: which surfels take
-    on the frame's; without any, new ones are NO_COLOUR, which the next colour replaces.
+    image order. match: int32, shape (H, W), from `associate_surfels`; time: frame number; colours: which surfels
+    take on the frame's; without any, new ones are NO_COLOUR, which the next colour replaces.
     """
     m, device, shape = surfels, surfels.device, match.shape
     to_world, from_world = to_transform(T_world_camera), to_transform(np.linalg.inv(T_world_camera))

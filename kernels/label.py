@@ -10,7 +10,7 @@ from dsmap.errors import InputError
 from dsmap.kernels.camera import Camera, surfel_at, to_transform
 from dsmap.kernels.label_smooth import vec14
 from dsmap.kernels.launch import Slice, first_surfel, launch_blocks, launch_rows
-from dsmap.kernels.types import NUM_EVIDENCE, SurfelMap
+from dsmap.kernels.types import NUM_EVIDENCE, SurfelArrays, SurfelMap
 
 Rule = Literal["bayes", "mean", "geometric"]
 """How observations combine: product (Eq. 5-6), arithmetic mean, or geometric mean of the probabilities."""
@@ -109,16 +109,12 @@ def _observe(
     edge: wp.array2d(dtype=wp.uint8),
     observed: wp.array2d(dtype=vec13),
     weight_of: wp.array2d(dtype=wp.float32),
-    position: wp.array(dtype=wp.vec3),
-    weight: wp.array(dtype=wp.float32),
-    t_updated: wp.array(dtype=wp.int32),
+    m: SurfelArrays,
     evidence: wp.array(dtype=vec13),
-    observations: wp.array(dtype=wp.float32),
-    label: wp.array(dtype=wp.uint8),
 ):
     first = first_surfel(s, blocks, wp.tid())
     for i in range(first, wp.min(first + s.step, s.count)):
-        p, at = surfel_at(camera, T_camera_world, i, gate.t_min, position, weight, t_updated)
+        p, at = surfel_at(camera, T_camera_world, i, gate.t_min, m.position, m.weight, m.t_updated)
         x = at[0]
         y = at[1]
         if x < 0:
@@ -144,8 +140,8 @@ def _observe(
             for k in range(13):
                 e[k] = e[k] - top
         evidence[i] = e
-        observations[i] = observations[i] + sure
-        label[i] = wp.uint8(best + 1)
+        m.observations[i] = m.observations[i] + sure
+        m.label[i] = wp.uint8(best + 1)
 
 
 def _rows_as_vectors(evidence: wp.array) -> wp.array:
@@ -204,10 +200,8 @@ def update_labels(
     gate = Gate()
     gate.max_distance, gate.max_distance_z2, gate.t_min = max_distance, max_distance_z2, t_min
     T_camera_world = to_transform(np.linalg.inv(T_world_camera))
-    inputs = [camera, T_camera_world, gate, use_log, depth, edge, observed, weight_of]
-    inputs += [m.position, m.weight, m.t_updated]
-    outputs = [_rows_as_vectors(m.evidence), m.observations, m.label]
-    launch_blocks(_observe, visible, m.count, inputs, outputs, device)
+    inputs = [camera, T_camera_world, gate, use_log, depth, edge, observed, weight_of, m.arrays]
+    launch_blocks(_observe, visible, m.count, inputs, [_rows_as_vectors(m.evidence)], device)
 
 
 def posterior(

@@ -155,7 +155,7 @@ def prune(
     and about ten times as many, not hundreds, if it has been seen for minutes.
     A surfel without a match whose pixel is matched by a surfel of more confidence, at the same depth and with
     the same normal, is a duplicate and dies, unless it is finer than the pixel.
-    depth [m], edge and match (of `associate`): the frame's maps, shapes (H, W); pixels on edges or beyond
+    depth [m], edge and match (of `associate_surfels`): the frame's maps, shapes (H, W); pixels on edges or beyond
     max_depth say nothing about what stands before them.
     walk: blocks in view and those in which surfels may be overdue (see `culling.Blocks`); None: the whole map.
     """

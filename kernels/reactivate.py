@@ -7,7 +7,7 @@ import warp as wp
 
 from dsmap.kernels.camera import Camera, pixel_at, rotate, to_transform, transform
 from dsmap.kernels.launch import Slice, first_surfel, launch_blocks, num_slices
-from dsmap.kernels.types import SurfelMap
+from dsmap.kernels.types import SurfelArrays, SurfelMap
 
 
 @wp.struct
@@ -29,20 +29,17 @@ def _reactivate(
     rules: AgreementGates,
     inactive: wp.array2d(dtype=wp.vec3),
     active: wp.array2d(dtype=wp.vec3),
-    position: wp.array(dtype=wp.vec3),
-    normal: wp.array(dtype=wp.vec3),
-    weight: wp.array(dtype=wp.float32),
-    t_updated: wp.array(dtype=wp.int32),
+    m: SurfelArrays,
     count: wp.array(dtype=wp.int32),
 ):
     first = first_surfel(s, blocks, wp.tid())
     woken = int(0)
     for i in range(first, wp.min(first + s.step, s.count)):
-        if weight[i] <= 0.0 or t_updated[i] >= rules.t_min:
+        if m.weight[i] <= 0.0 or m.t_updated[i] >= rules.t_min:
             continue
-        p = transform(T_camera_world, position[i])
+        p = transform(T_camera_world, m.position[i])
         at = pixel_at(camera, p)
-        if at[0] < 0 or wp.dot(rotate(T_camera_world, normal[i]), p) >= 0.0:
+        if at[0] < 0 or wp.dot(rotate(T_camera_world, m.normal[i]), p) >= 0.0:
             continue
         z = inactive[at[1], at[0]][2]
         gate = wp.max(rules.distance, rules.distance_z2 * z * z)
@@ -51,7 +48,7 @@ def _reactivate(
         front = active[at[1], at[0]][2]
         if front > 0.0 and p[2] - front > gate:
             continue  # hidden by what stands there now
-        t_updated[i] = rules.time
+        m.t_updated[i] = rules.time
         woken += 1
     if woken > 0:
         wp.atomic_add(count, s.index, woken)
@@ -85,6 +82,6 @@ def reactivate(
     m = surfels
     count = wp.zeros(num_slices(m.device), dtype=wp.int32, device=m.device)
     T_camera_world = to_transform(np.linalg.inv(T_world_camera))
-    inputs = [camera, T_camera_world, rules, inactive, active, m.position, m.normal, m.weight]
-    launch_blocks(_reactivate, visible, m.count, inputs, [m.t_updated, count], m.device)
+    inputs = [camera, T_camera_world, rules, inactive, active, m.arrays]
+    launch_blocks(_reactivate, visible, m.count, inputs, [count], m.device)
     return int(count.numpy().sum())

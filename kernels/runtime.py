@@ -3,11 +3,13 @@
 import os
 import sys
 import tempfile
+from typing import TypeVar, cast
 
 import warp as wp
 
 from dsmap.errors import InputError
 
+T = TypeVar("T")
 _NO_DRIVER = b"Could not find or load the NVIDIA CUDA driver"
 
 
@@ -31,6 +33,11 @@ def _initialise() -> None:
 
 
 _initialise()
+
+
+def struct(kind: type[T]) -> type[T]:
+    """`wp.struct`, which type checkers take for what it is used as: the class."""
+    return cast(type[T], wp.struct(kind))
 
 
 def chosen_device(name: str) -> wp.Device:

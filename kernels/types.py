@@ -71,6 +71,22 @@ class ModelMaps:
         )
 
 
+@wp.struct
+class SurfelArrays:
+    """The arrays of a SurfelMap (see there) as kernels take them; in a kernel they cost what arguments cost."""
+
+    position: wp.array(dtype=wp.vec3)
+    normal: wp.array(dtype=wp.vec3)
+    colour: wp.array(dtype=wp.vec3)
+    weight: wp.array(dtype=wp.float32)
+    radius: wp.array(dtype=wp.float32)
+    t_created: wp.array(dtype=wp.int32)
+    t_updated: wp.array(dtype=wp.int32)
+    label: wp.array(dtype=wp.uint8)
+    observations: wp.array(dtype=wp.float32)
+    evidence: wp.array2d(dtype=wp.float32)
+
+
 @dataclass
 class SurfelMap:
     """All surfels, in order of insertion. Only the first `count` rows of every array are in use.
@@ -93,11 +109,23 @@ class SurfelMap:
     _reserved: dict[str, np.ndarray] = field(
         default_factory=dict, repr=False
     )  # see ADDRESSES; (rows, columns)
+    _bundle: tuple[SurfelArrays, list[wp.array]] | None = field(default=None, repr=False, compare=False)
 
     @staticmethod
     def empty(device: Any, capacity: int = 1 << 16) -> "SurfelMap":
         """A map without surfels."""
         return SurfelMap(count=0, **_allocate(capacity, device))
+
+    @property
+    def arrays(self) -> SurfelArrays:
+        """The arrays as kernels take them, bundled anew where one was replaced."""
+        own = [getattr(self, name) for name in SurfelArrays.vars]
+        if self._bundle is None or any(a is not b for a, b in zip(own, self._bundle[1], strict=True)):
+            bundle = SurfelArrays()
+            for name, array in zip(SurfelArrays.vars, own, strict=True):
+                setattr(bundle, name, array)
+            self._bundle = bundle, own
+        return self._bundle[0]
 
     @property
     def device(self) -> Any:

@@ -1,12 +1,12 @@
 """What a synthetic room is, whatever renders it: labelled meshes, materials, lights, things to look at."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from dsmap.classes import CLASS_NAMES
-from dsmap.sim_scenes.geometry.shapes import Shape, merged, rotation_z
+from dsmap.sim_scenes.geometry.shapes import Shape, Vector, merged, rotation_z
 
 
 @dataclass(frozen=True)
@@ -119,11 +119,15 @@ class Assembly:
         """Add a part of the piece itself."""
         self.parts.append((shape, material, label or self.label, 0))
 
-    def attach(self, other: "Assembly", xyz: Sequence[float], yaw: float = 0.0) -> None:
+    def attach(self, other: "Assembly", xyz: Vector, yaw: float = 0.0) -> None:
         """Stand another assembly (with all that is on it) on this one, as instances of its own."""
         for shape, material, label, item in other.parts:
             self.parts.append((shape.moved(xyz, yaw), material, label, self.items + item))
         self.items += other.items
+
+    def reshape(self, change: Callable[[Shape], Shape]) -> None:
+        """Change the shape of every part."""
+        self.parts = [(change(shape), material, label, item) for shape, material, label, item in self.parts]
 
     def bounds(self) -> np.ndarray:
         """Lowest and highest corner in its own frame [m], shape (2, 3)."""

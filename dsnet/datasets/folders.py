@@ -9,6 +9,7 @@ from dsmap.dsnet.datasets.geometry import DepthView
 from dsmap.dsnet.datasets.splits import select, validation_numbers
 from dsmap.errors import InputError
 from dsmap.sequences.calibration import read_calibration
+from dsmap.sequences.images import Source
 from dsmap.sequences.tum import is_tum, read_tum
 
 _IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png")
@@ -77,18 +78,24 @@ def _item(folder: Path, rgb: Path, label: Path) -> FileItem:
     return FileItem(rgb, label, depth, stored.depth_scale, view=DepthView(stored.intrinsics))
 
 
+def _file(image: Source) -> Path:
+    assert isinstance(image, Path), "the TUM layout has a file for every image"
+    return image
+
+
 def _recording(folder: Path) -> list[FileItem]:
     """Labelled frames; with depth if the recording says its unit and colour and depth are one camera's."""
     entries = [entry for entry in read_tum(folder).entries if entry.label]
     stored = read_calibration(folder)
     if stored is None or stored.color_camera is not None or stored.T_color_depth is not None:
-        return [FileItem(entry.rgb, entry.label) for entry in entries if entry.label]
+        return [FileItem(_file(entry.rgb), _file(entry.label)) for entry in entries if entry.label]
     rendered = is_rendered(folder)
     found = []
     for entry in entries:
         if entry.label:
             view = DepthView.of_pose(stored.intrinsics, entry.T_world_camera if rendered else None)
-            found.append(FileItem(entry.rgb, entry.label, entry.depth, stored.depth_scale, view=view))
+            rgb, label, depth = _file(entry.rgb), _file(entry.label), _file(entry.depth)
+            found.append(FileItem(rgb, label, depth, stored.depth_scale, view=view))
     return found
 
 

@@ -139,7 +139,7 @@ def nyuv2_table(
     ]
     table = run_cells(cells, out, report)
     columns = ("method", *TABLE4_ORDER, "class average", "pixel accuracy", "mIoU")
-    rows: list[list[object]] = [[name, *map(str, row), "-", "-"] for name, row in LITERATURE.items()]
+    rows: list[Sequence[object]] = [[name, *map(str, row), "-", "-"] for name, row in LITERATURE.items()]
     rows.append(["RGB-D CNN of SemanticFusion, single frames", *"-" * 13, SINGLE_FRAME_RGBD_CNN, "-", "-"])
     rows += [[f"{name}, single frames", *_row(entry)] for name, entry in table.items()]
     text = write_table(out, columns, rows)

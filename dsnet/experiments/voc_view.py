@@ -80,7 +80,7 @@ def voc_view(
 def _some(stems: Sequence[str], count: int | None, rng: np.random.Generator) -> list[str]:
     if count is None or count >= len(stems):
         return list(stems)
-    return [stems[i] for i in sorted(rng.permutation(len(stems))[:count])]
+    return [stems[int(i)] for i in sorted(rng.permutation(len(stems))[:count])]
 
 
 def _write(folder: Path, root: Path, names: Sequence[str]) -> Path:

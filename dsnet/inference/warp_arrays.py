@@ -65,6 +65,6 @@ def _shares(source: int, size: int) -> torch.Tensor:
 
 
 def _on_stream_of(array: wp.array) -> Any:
-    if not array.device.is_cuda:
+    if not wp.get_device(array.device).is_cuda:  # type: ignore[arg-type]  # an array has a device
         return contextlib.nullcontext()
     return torch.cuda.stream(wp.stream_to_torch(wp.get_stream(array.device)))

@@ -90,7 +90,8 @@ def draw_overlays(path: Path, overlays: Sequence[Overlay], count: int) -> None:
                 axes.set_title(_caption(overlay, count), fontsize=9, loc="left", pad=3)
     classes = sorted(set().union(*(np.unique(x) for o in overlays for x in (o.label, o.answer))))
     patches = [
-        Patch(color=PALETTE[c] / 255, label="unlabelled" if c == VOID else CLASS_NAMES[c]) for c in classes
+        Patch(color=tuple(PALETTE[c] / 255), label="unlabelled" if c == VOID else CLASS_NAMES[c])
+        for c in classes
     ]
     figure.legend(
         handles=patches, loc="lower center", ncols=(len(patches) + 1) // 2, frameon=False, fontsize=10

@@ -57,7 +57,7 @@ class Donors:
 
 def pick_object(label: np.ndarray, chosen: int, rng: np.random.Generator) -> np.ndarray | None:
     """One connected region of a class, bool (H, W), a random one of those that are large enough; None: none is."""
-    _, regions, stats, _ = cv2.connectedComponentsWithStats(np.uint8(label == chosen))
+    _, regions, stats, _ = cv2.connectedComponentsWithStats((label == chosen).astype(np.uint8))
     area = stats[:, cv2.CC_STAT_AREA] / label.size
     area[0] = 0  # what is not of the class
     large = np.flatnonzero((area >= LEAST) & (area <= MOST))
@@ -87,7 +87,7 @@ def paste(target: Example, source: Example, mask: np.ndarray, rng: np.random.Gen
     def warped(values: np.ndarray, how: int) -> np.ndarray:
         return cv2.warpAffine(values, A, (width, height), flags=how, borderMode=cv2.BORDER_REPLICATE)
 
-    inside = cv2.warpAffine(np.uint8(mask), A, (width, height), flags=cv2.INTER_NEAREST) > 0
+    inside = cv2.warpAffine(mask.astype(np.uint8), A, (width, height), flags=cv2.INTER_NEAREST) > 0
     rgb = np.where(inside[..., None], warped(source.rgb, cv2.INTER_LINEAR), target.rgb)
     label = np.where(inside, source.label[mask][0], target.label)
     geometry = target.geometry

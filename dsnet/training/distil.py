@@ -25,7 +25,8 @@ class Teacher:
         model, info = load_weights(weights, class_names)
         self.reads_geometry = info.config.channels > 3
         self._temperature = info.temperature
-        self._model = fold_batch_norms(model).to(torch.device(device)).to(memory_format=torch.channels_last)
+        folded = fold_batch_norms(model).to(torch.device(device))
+        self._model = folded.to(memory_format=torch.channels_last)  # type: ignore[call-overload]  # torch's hints lack it
         self._offset = torch.from_numpy(between(info, trained)).to(device)[:, None, None]
 
     @torch.no_grad()

@@ -133,8 +133,10 @@ class MapGravity:
     def _find_up(self, normal: np.ndarray, poses: np.ndarray) -> None:
         held = (poses[:, :3, :3] @ np.array(AXES[self.side])).mean(axis=0)
         held /= max(float(np.linalg.norm(held)), 1e-9)
-        near = self.up is not None and self.up @ held > np.cos(np.deg2rad(_STARTS_ANEW_DEG))
-        found = estimate_up(normal, self.up if near else held)
+        start = held
+        if self.up is not None and self.up @ held > np.cos(np.deg2rad(_STARTS_ANEW_DEG)):
+            start = self.up
+        found = estimate_up(normal, start)
         self.up, self.confidence = found.direction, found.confidence
         if self._camera_up == "auto" and self._looked > _EVERY:
             cosine = normal @ self.up

@@ -51,13 +51,13 @@ def constraints(
     if np.count_nonzero(keep) < _MIN_CONSTRAINTS:
         return None
     of_active, of_inactive, points = of_active[keep], of_inactive[keep], points[keep]
-    arrays = surfels.numpy()
+    created = surfels.numpy()["t_created"]
     seen = np.sort(inactive.time.numpy()[v, u][keep])
     pairs = Constraints(
         source=points @ T_world_camera[:3, :3].T + T_world_camera[:3, 3],
         destination=points @ T_found[:3, :3].T + T_found[:3, 3],
-        t_source=arrays["t_created"][of_active].astype(np.int64),
-        t_destination=arrays["t_created"][of_inactive].astype(np.int64),
+        t_source=created.take(of_active).astype(np.int64),
+        t_destination=created.take(of_inactive).astype(np.int64),
         pin=np.ones(len(points), dtype=bool),
     )
     return pairs, int(seen[len(seen) // 2])

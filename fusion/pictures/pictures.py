@@ -104,9 +104,9 @@ class Overview:
         T = np.linalg.inv(self.view.T_world_camera)
         points = path @ T[:3, :3].T + T[:3, 3]
         points = points[points[:, 2] > 0.01] @ self.view.intrinsics.K.T
-        pixels = np.rint(16 * points[:, :2] / points[:, 2:]).astype(np.int32)[None]
-        cv2.polylines(image, pixels, False, (255, 255, 255), 9, cv2.LINE_AA, shift=4)
-        cv2.polylines(image, pixels, False, (214, 39, 40), 5, cv2.LINE_AA, shift=4)
+        pixels = np.rint(16 * points[:, :2] / points[:, 2:]).astype(np.int32)
+        cv2.polylines(image, [pixels], False, (255, 255, 255), 9, cv2.LINE_AA, shift=4)
+        cv2.polylines(image, [pixels], False, (214, 39, 40), 5, cv2.LINE_AA, shift=4)
 
 
 def confidence_colours(weight: np.ndarray, low: float = 1.0) -> tuple[np.ndarray, float, float]:

@@ -16,6 +16,7 @@ from dsmap.fusion.state import part_of, with_prefix
 from dsmap.fusion.surfels.model_view import ModelView
 from dsmap.fusion.surfels.views import Views
 from dsmap.fusion.trajectory import TrajectoryPoint, extrapolated
+from dsmap.kernels.index_map import ALWAYS
 from dsmap.kernels.preprocess import intensity_map
 from dsmap.kernels.types import FrameMaps, ModelMaps
 
@@ -88,10 +89,10 @@ class Recovery:
 
         return search
 
-    def whole(self, T_world_camera: np.ndarray, **window: int) -> ModelView:
-        """The whole map from a pose, or the part that was updated in a window of frames."""
+    def whole(self, T_world_camera: np.ndarray, t_max: int = ALWAYS) -> ModelView:
+        """The whole map from a pose, or the part that was last updated in frame t_max or before."""
         maps = self.views.empty()
-        self.views.render(T_world_camera, maps, **window)
+        self.views.render(T_world_camera, maps, t_max=t_max)
         return self.views.pyramid(T_world_camera, maps)
 
     def state(self) -> dict[str, Any]:

@@ -32,7 +32,8 @@ class Integrator:
         self.compaction = Compaction(views.surfels, views.blocks)
         self.visible: wp.array | None = None
         camera = self._camera = views.cameras[0]
-        self._match = wp.empty((camera.height, camera.width), dtype=wp.int32, device=views.surfels.device)
+        number: Any = wp.int32  # Warp's hint knows float alone
+        self._match = wp.empty((camera.height, camera.width), dtype=number, device=views.surfels.device)
 
     def associate(self, T_world_camera: np.ndarray, maps: FrameMaps, t_active: int) -> None:
         """Find the surfel, updated since frame `t_active`, that every pixel of the frame measures again."""

@@ -54,7 +54,7 @@ def agreement(frame: FrameMaps, vertex: wp.array, intensity: wp.array, config: R
     """
     skip = max(frame.vertex.shape[1] // 320, 1)
     z = frame.vertex.numpy()[::skip, ::skip, 2]
-    model_z = vertex.numpy()[::skip, ::skip, 2]
+    model_z = np.asarray(vertex.numpy()[::skip, ::skip, 2], np.float32)
     known = model_z > 0
     farthest = cv2.dilate(model_z, _WINDOW)
     nearest = cv2.erode(np.where(known, model_z, np.float32(1e3)), _WINDOW)

@@ -129,7 +129,8 @@ class MovingThings:
         And what moved in the last frame, where the first of them has not looked: it cannot know.
         """
         vertex = frame[self.level].vertex
-        free, known = (wp.empty(vertex.shape, dtype=wp.uint8, device=vertex.device) for _ in range(2))
+        like: dict[str, Any] = {"dtype": wp.uint8, "device": vertex.device}
+        free, known = (wp.empty(vertex.shape, **like) for _ in range(2))
         chosen = [self.memory[i] for i in numbers]
         to_past = [inverse(trajectory[row].T_world_camera) @ T_world_camera for row, _ in chosen]
         surfels = self.config.surfels
@@ -168,7 +169,7 @@ def mask_depth(frame: Sequence[FrameMaps], moving: np.ndarray) -> list[FrameMaps
     """Maps of a frame, finest level first, without the depth of these pixels: bool, shape (H, W) of the finest."""
     still = []
     for maps in frame:
-        vertex = maps.vertex.numpy().copy()
+        vertex = np.array(maps.vertex.numpy())
         height, width = vertex.shape[:2]
         # INTER_AREA: a coarse pixel that is partly moving counts as moving.
         vertex[cv2.resize(moving.astype(np.float32), (width, height), interpolation=cv2.INTER_AREA) > 0] = 0
@@ -196,7 +197,7 @@ def grow_to_objects(free: np.ndarray, depth: np.ndarray, min_share: float) -> np
     # A slow thing hides part of where it was: a patch of continuous depth that is mostly moving moves as a whole.
     step = cv2.morphologyEx(depth, cv2.MORPH_GRADIENT, _SQUARE) > 0.05 + 0.02 * depth
     patches = ((depth > 0) & ~step).astype(np.uint8)
-    _, patch = cv2.connectedComponents(patches, connectivity=4)
+    patch = np.asarray(cv2.connectedComponents(patches, connectivity=4)[1], np.int32)
     size = np.bincount(patch.ravel())
     moving = np.bincount(patch.ravel(), weights=seeds.ravel())
     whole = moving > 0.4 * size

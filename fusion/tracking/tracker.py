@@ -314,7 +314,7 @@ class Tracker:
 
     def _verdict(
         self,
-        source: Sequence[Surface | None],
+        source: Surface | None,
         finest: int,
         icp: NormalEquations | None,
         rgb: NormalEquations | None,

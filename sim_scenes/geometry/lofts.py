@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dsmap.sim_scenes.geometry.shapes import Shape, Vector, polygons
+from dsmap.sim_scenes.geometry.shapes import Points, Shape, Vector, polygons
 
 
 def ring(size: Vector, at: Vector = (0, 0, 0), corner: float = 0.5, sides: int = 32) -> np.ndarray:
@@ -95,7 +95,7 @@ def _without_slivers(shape: Shape) -> Shape:
     return Shape(shape.vertices[used], faces.reshape(-1, 3), shape.uv[used])
 
 
-def tube(path: Vector, radius: float | Sequence[float], sides: int = 10) -> Shape:
+def tube(path: Points, radius: float | Vector, sides: int = 10) -> Shape:
     """A round bar along a line of points, shape (n, 3), of one radius or one a point [m]."""
     points = np.asarray(path, float)
     radii = np.broadcast_to(np.asarray(radius, float), len(points))
@@ -120,7 +120,7 @@ def bow(start: Vector, middle: Vector, end: Vector, steps: int = 9) -> np.ndarra
     return (1 - t) ** 2 * a + 2 * t * (1 - t) * b + t**2 * c
 
 
-def prism(outline: Vector, depth: float) -> Shape:
+def prism(outline: Points, depth: float) -> Shape:
     """A convex outline (n, 2) in the x-z plane, counter-clockwise seen from -y, `depth` thick about y = 0."""
     flat = np.asarray(outline, float)
     front = np.column_stack([flat[:, 0], np.full(len(flat), -depth / 2), flat[:, 1]])

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 Vector = Sequence[float] | np.ndarray
+Points = Sequence[Vector] | np.ndarray
 
 
 @dataclass(frozen=True)
@@ -21,7 +22,7 @@ class Shape:
     faces: np.ndarray
     uv: np.ndarray
 
-    def moved(self, xyz: Sequence[float] = (0, 0, 0), yaw: float = 0.0) -> "Shape":
+    def moved(self, xyz: Vector = (0, 0, 0), yaw: float = 0.0) -> "Shape":
         """Turned about the z axis by `yaw` [rad], then shifted by `xyz` [m]."""
         return Shape(self.vertices @ rotation_z(yaw).T + np.asarray(xyz, float), self.faces, self.uv)
 

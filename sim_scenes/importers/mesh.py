@@ -41,13 +41,14 @@ def read_scene(path: Path) -> Foreign:
         faces = np.asarray(mesh.faces)
         if np.linalg.det(transform[:3, :3]) < 0:
             faces = faces[:, ::-1]
-        source: Any = getattr(mesh.visual, "material", None)
+        visual: Any = mesh.visual
+        source: Any = getattr(visual, "material", None)
         keys: list[Hashable] = [node, name, str(getattr(source, "name", None) or "")]
-        if mesh.visual.kind == "texture" and mesh.visual.uv is not None:
-            uv = np.asarray(mesh.visual.uv)[:, :2] * [1, -1] + [0, 1]
+        if visual.kind == "texture" and visual.uv is not None:
+            uv = np.asarray(visual.uv)[:, :2] * [1, -1] + [0, 1]
             shape = Shape(vertices, faces, uv)
             material = looks.setdefault(id(source), _material(source))
-        elif mesh.visual.kind in ("vertex", "face"):
+        elif visual.kind in ("vertex", "face"):
             shape, material = coloured(vertices, faces, _corner_colours(mesh))
         else:
             shape = Shape(vertices, faces, np.zeros((len(vertices), 2)))
@@ -77,6 +78,7 @@ def read_scan(path: Path) -> Foreign:
     colours = _colours(raw, faces, polygon)
     shape, material = coloured(vertices, faces, colours, emission=1.0)
     ids = objects if labels is None else labels
+    assert ids is not None
     keys, names = _replica(path) if labels is None else (None, None)
     group = np.stack([ids, ids if objects is None else objects], 1)
     chunks = []

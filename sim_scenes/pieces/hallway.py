@@ -67,7 +67,7 @@ def coat_rack(rng: np.random.Generator, looks: Looks) -> Assembly:
                 bag = handbag(rng, looks)
                 piece.attach(bag, (x, 0.0, 0.02 - bag.bounds()[1, 2]))
             last = x
-    piece.parts = [(shape.moved((0, 0, 1.1)), *rest) for shape, *rest in piece.parts]
+    piece.reshape(lambda shape: shape.moved((0, 0, 1.1)))
     return piece
 
 

@@ -100,7 +100,7 @@ def desk_lamp(rng: np.random.Generator, looks: Looks) -> Assembly:
     bulb = lathe([(0.068, -0.003), (0.068, 0.0)], sides=24).turned(rotation_x(-0.5)).moved((0, -0.185, 0.31))
     piece.add(bulb, shade_cloth(rng, looks, 0.5))
     yaw = rng.uniform(-0.5, 0.5)
-    piece.parts = [(shape.moved(yaw=yaw), *rest) for shape, *rest in piece.parts]
+    piece.reshape(lambda shape: shape.moved(yaw=yaw))
     return piece
 
 

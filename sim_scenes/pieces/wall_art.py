@@ -62,7 +62,7 @@ def gallery(rng: np.random.Generator, looks: Looks) -> Assembly:
     if not piece.parts:
         piece.attach(framed(rng, looks, height, frame, 0.018, 0.0), (0, 0, 0))
     low = piece.bounds()[0, 2]
-    piece.parts = [(shape.moved((0, 0, -low)), *rest) for shape, *rest in piece.parts]
+    piece.reshape(lambda shape: shape.moved((0, 0, -low)))
     return piece
 
 

@@ -28,7 +28,7 @@ def contact_sheet(
     columns: int = 5,
     rows: int = 6,
     jobs: int = 1,
-    done: Callable[[], None] = lambda: None,
+    done: Callable[[], object] = lambda: None,
 ) -> Path:
     """Render columns x rows scenes (of consecutive seeds) and write one picture; returns its path.
 

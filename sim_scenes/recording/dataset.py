@@ -138,7 +138,7 @@ def remove_partials(out: Path) -> None:
             shutil.rmtree(folder, ignore_errors=True)
 
 
-def run_local(tasks: list[Task], jobs: int, done: Callable[[Path], None]) -> None:
+def run_local(tasks: list[Task], jobs: int, done: Callable[[Path], object]) -> None:
     """Render tasks in `jobs` processes, one scene each at a time.
 
     A worker that dies (out of memory, killed) costs its scene a try, not the run.
@@ -196,7 +196,7 @@ def _one_thread() -> None:
     cv2.setNumThreads(1)
 
 
-def run_ray(tasks: list[Task], address: str, done: Callable[[Path], None]) -> None:
+def run_ray(tasks: list[Task], address: str, done: Callable[[Path], object]) -> None:
     """Render tasks on a Ray cluster (`local` starts one here), one core a scene; needs the extra `ray`.
 
     The output folder must be one that all nodes share. Ray runs a task again whose worker or node died.

@@ -105,7 +105,7 @@ def _ajar(rng: np.random.Generator, looks: Looks, layout: Layout, wall: Wall, op
         angle = np.radians(rng.uniform(86, 112))
         leaf = _leaf(looks, width, opening.z1 - LINING - 0.01)
         if side > 0:
-            leaf.parts = [(_mirrored(shape), *rest) for shape, *rest in leaf.parts]
+            leaf.reshape(_mirrored)
         hinge = wall.point(opening.x0 if side < 0 else opening.x1, 0.036)
         yaw = wall.yaw + side * angle
         block = layout.block(leaf, hinge, yaw)

@@ -254,4 +254,6 @@ def _saturated(rgb: np.ndarray, factor: float) -> np.ndarray:
 def _compressed(rgb: np.ndarray, quality: int) -> np.ndarray:
     """Through JPEG and back, uint8."""
     _, data = cv2.imencode(".jpg", rgb[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])
-    return np.ascontiguousarray(cv2.imdecode(data, cv2.IMREAD_COLOR)[..., ::-1])
+    decoded = cv2.imdecode(data, cv2.IMREAD_COLOR)
+    assert decoded is not None
+    return np.ascontiguousarray(decoded[..., ::-1])

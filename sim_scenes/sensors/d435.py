@@ -68,7 +68,7 @@ def _fattened(depth: np.ndarray, rng: np.random.Generator, scale: float) -> np.n
     holes = np.where(depth > 0, depth, np.float32(1e3))
     near = cv2.erode(holes, np.ones((2 * reach + 1,) * 2, np.uint8))
     jumps = (holes - near > 0.05 * near) & (near < 1e3)
-    taken = jumps & (correlated(rng, *depth.shape, 2.0) > 0.0)
+    taken = jumps & (correlated(rng, depth.shape[0], depth.shape[1], 2.0) > 0.0)
     return np.where(taken, near, depth).astype(np.float32)
 
 

@@ -1,10 +1,10 @@
 """A scene's floor seen from above: what is in the way of things that slide, roll or walk on it."""
 
 import numpy as np
-from scipy import ndimage
 
 from dsmap.sim_scenes.scene import Scene
 from dsmap.sim_scenes.space.free_space import surface_samples
+from dsmap.sim_scenes.space.grids import distance_to_taken
 
 CELL = 0.05
 """Side of a cell [m]."""
@@ -31,7 +31,7 @@ class FloorPlan:
         cell = np.floor((points - self.low) / CELL).astype(int)
         cell = cell[((cell >= 0) & (cell < shape)).all(1)]
         free[tuple(cell.T)] = False
-        self.distance = ndimage.distance_transform_edt(free, sampling=CELL)
+        self.distance = distance_to_taken(free, CELL)
 
     def room(self, xy: np.ndarray) -> np.ndarray:
         """Distance to the nearest obstacle at points (..., 2) [m]."""

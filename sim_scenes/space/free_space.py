@@ -10,6 +10,7 @@ from scipy.spatial import KDTree
 
 from dsmap.errors import InputError
 from dsmap.sim_scenes.scene import Scene
+from dsmap.sim_scenes.space.grids import distance_to_taken, regions
 
 CELL = 0.06
 """Side of a voxel [m]."""
@@ -62,8 +63,8 @@ class FreeSpace:
         solid |= ~floor[..., None]
         # Beyond the rooms all is solid: pad, so that the outermost voxels know it.
         padded = np.pad(~solid, ((1, 1), (1, 1), (1, 0)))
-        distance = ndimage.distance_transform_edt(padded, sampling=CELL)[1:-1, 1:-1, 1:]
-        parts, count = ndimage.label(distance > 0.12)
+        distance = distance_to_taken(padded, CELL)[1:-1, 1:-1, 1:]
+        parts, count = regions(distance > 0.12)
         if count == 0:
             raise InputError(f"{self.name} leaves the camera no free space")
         size = np.bincount(parts.ravel(), minlength=count + 1) * CELL**3
@@ -75,9 +76,8 @@ class FreeSpace:
     def cells(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Voxel of each of points (N, 3), clipped to the grid, (N, 3), and whether it was inside, (N,)."""
         index = np.floor((points - self.low) / CELL).astype(int)
-        return np.clip(index, 0, np.array(self.shape) - 1), (
-            (index >= 0) & (index < np.array(self.shape))
-        ).all(-1)
+        shape = np.array(self.shape)
+        return np.clip(index, 0, shape - 1), np.all((index >= 0) & (index < shape), axis=-1)
 
     @cached_property
     def _tree(self) -> KDTree:
@@ -125,7 +125,7 @@ class FreeSpace:
         """Distance of each column to the nearest one with something in `BODY_BAND` [m], shape (X, Y)."""
         first, last = (int(h / CELL) for h in BODY_BAND)
         taken = (self._distance[:, :, first : last + 1] <= 0).any(2)
-        return ndimage.distance_transform_edt(np.pad(~taken, 1), sampling=CELL)[1:-1, 1:-1]
+        return distance_to_taken(np.pad(~taken, 1), CELL)[1:-1, 1:-1]
 
 
 class Ways:
@@ -149,7 +149,7 @@ class Ways:
 
     @staticmethod
     def _largest(free: np.ndarray) -> np.ndarray:
-        parts, count = ndimage.label(free)
+        parts, count = regions(free)
         return parts == 1 + int(np.argmax(np.bincount(parts.ravel())[1:])) if count else free
 
     def _edges(self) -> csr_array:

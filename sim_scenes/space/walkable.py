@@ -3,7 +3,8 @@
 from collections.abc import Sequence
 
 import numpy as np
-from scipy import ndimage
+
+from dsmap.sim_scenes.space.grids import distance_to_taken, regions
 
 CELL = 0.05
 """Side of a grid cell [m]."""
@@ -54,8 +55,8 @@ class Walkable:
         None where the doors are cut off from each other or the room has no free place.
         """
         taken = np.pad(self.blocked if blocked is None else blocked, 1, constant_values=True)
-        free = ndimage.distance_transform_edt(~taken)[1:-1, 1:-1] * CELL > self.half_width
-        parts, count = ndimage.label(free)
+        free = distance_to_taken(~taken)[1:-1, 1:-1] * CELL > self.half_width
+        parts, count = regions(free)
         if count == 0:
             return None
         if not self.anchors:

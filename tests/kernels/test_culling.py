@@ -205,7 +205,7 @@ def test_growing_keeps_the_rows_and_new_rows_are_zero(addresses, monkeypatch):
         assert capacity <= surfels.capacity <= max(capacity, 1.25 * 1_400)
         assert_same(surfels.numpy(), expected)
         assert not surfels.evidence.numpy()[1_000:].any() and not surfels.weight.numpy()[1_000:].any()
-        assert surfels.nbytes == surfels.capacity * 109
+        assert surfels.nbytes == surfels.capacity * 113
     kept = surfels.position.ptr
     surfels.reserve(3 * surfels.capacity)
     assert (surfels.position.ptr == kept) == (addresses > 1), "no copy within the reserved addresses"

@@ -47,6 +47,6 @@ def main(args: Args) -> None:
             columns=args.columns,
             rows=args.rows,
             jobs=args.jobs or usable_cores(),
-            done=lambda: bar.update() and None,
+            done=bar.update,
         )
     print(f"{args.out}: {args.columns * args.rows} scenes, seeds from {args.seed}")

@@ -139,10 +139,10 @@ def _many(args: Args) -> None:
         try:
             with tqdm(total=len(tasks), initial=len(tasks) - len(left), unit="scene", disable=None) as bar:
                 if args.ray:
-                    run_ray(left, args.ray, lambda _: bar.update() and None)
+                    run_ray(left, args.ray, lambda _: bar.update())
                 else:
                     jobs = min(args.jobs or usable_cores(), max(len(left), 1))
-                    run_local(left, jobs, lambda _: bar.update() and None)
+                    run_local(left, jobs, lambda _: bar.update())
         finally:
             write_card(args.out, tasks, command)
     print(f"{args.out}: {len(tasks)} scenes ({len(tasks) - len(left)} were there); see CARD.md")

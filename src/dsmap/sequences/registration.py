@@ -64,9 +64,8 @@ def _filled(depth: np.ndarray) -> np.ndarray:
     missing = (depth <= 0).astype(np.uint8)
     if not missing.any() or missing.all():
         return depth
-    _, nearest = cv2.distanceTransformWithLabels(
-        missing, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
-    )  # number of the nearest zero of `missing`, from 1
+    found = cv2.distanceTransformWithLabels(missing, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL)
+    nearest = np.asarray(found[1], np.int32)  # number of the nearest zero of `missing`, from 1
     values = np.zeros(int(nearest.max()) + 1, np.float32)
     valid = missing == 0
     values[nearest[valid]] = depth[valid]
