@@ -4,6 +4,7 @@ So a run that was killed and resumed ends with the same weights as one that was 
 thread count), and a checkpoint needs no state of random generators.
 """
 
+import contextlib
 import math
 import os
 import time
@@ -31,7 +32,8 @@ from dsmap.dsnet.training.sample_stream import AugmentedStream
 from dsmap.dsnet.training.state import State, load_checkpoint, new_state, save_checkpoint
 from dsmap.dsnet.training.validate import averaged_model, finish, validate, weights_info
 from dsmap.errors import InputError
-from dsmap.files import as_read_back
+from dsmap.files import as_read_back, written_or_warned
+from dsmap.folders import locked, remove_leftovers
 
 
 def train(
@@ -75,7 +77,10 @@ def train(
         InputError: data, weights or checkpoint are missing, damaged or do not fit; `out` is in use.
     """
     keep_memory()
-    with joined(device) as ranks:
+    with joined(device) as ranks, contextlib.ExitStack() as held:
+        if ranks.first:
+            held.enter_context(locked(out, "training"))
+            remove_leftovers(out)
         with_geometry = net.channels > 3 or teacher is not None
         images, held_back = read_data(data, val, with_geometry, progress and ranks.first, label_map)
         net = replace(net, classes=len(images.class_names))
@@ -182,7 +187,8 @@ def loop(
                 model, loss = averaged_model(state, stream), float(np.mean(losses))
                 info = weights_info(model.config, stream, weights)  # type: ignore[arg-type]
                 validate(state, model, info, held_back, job.out, loss, events)
-                save_checkpoint(job.out / "checkpoint.safetensors", state, job.record)
+                what, path = f"checkpoint after step {state.step}", job.out / "checkpoint.safetensors"
+                written_or_warned(what, "training goes on", save_checkpoint, path, state, job.record)
             losses.clear()
     events.close()
 

@@ -18,10 +18,12 @@ from dsmap.dsnet.training.log import Log
 from dsmap.dsnet.training.model_card import model_card
 from dsmap.dsnet.training.sample_stream import AugmentedStream
 from dsmap.dsnet.training.state import State
-from dsmap.files import atomic_path, write_json
+from dsmap.files import atomic_path, write_json, written_or_warned
 
 BN_IMAGES = 256
 """Training images that the batch norms of averaged weights are measured on."""
+
+_GOES_ON = "training goes on"
 
 
 def averaged_model(state: State, stream: AugmentedStream) -> nn.Module:
@@ -73,10 +75,11 @@ def validate(
     state.history.append(record)
     events.validation(record, segmenter, data)
     if scores["miou"] > state.best:
-        state.best = scores["miou"]
         info.notes = {"validation": record}
-        save_weights(out / "best.safetensors", model, info)
-    write_json(out / "history.json", state.history)
+        what = f"weights of step {state.step}"
+        if written_or_warned(what, _GOES_ON, save_weights, out / "best.safetensors", model, info):
+            state.best = scores["miou"]
+    written_or_warned("history.json", _GOES_ON, write_json, out / "history.json", state.history)
 
 
 def finish(out: Path, data: LabelledImages, worlds: LabelledImages, run: dict, device: str) -> dict:

@@ -3,7 +3,6 @@
 import signal
 import sys
 import threading
-import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -12,7 +11,7 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from dsmap.errors import InputWarning, WriteError
+from dsmap.files import written_or_warned
 from dsmap.fusion.mapper import Mapper, StepResult
 from dsmap.fusion.runs.prepare_ahead import prepare_ahead
 from dsmap.sequences import Sequence
@@ -80,7 +79,8 @@ def map_recording(
             _progress(bar, state, len(sequence), result)
             due = checkpoint_every and state.done % checkpoint_every == 0 and state.done < len(sequence)
             if due and state.mapper.settled:  # nobody shall go on from a start that may be given up
-                _checkpoint(state)
+                what = f"checkpoint after frame {state.done}"
+                written_or_warned(what, "mapping goes on", state.save, state)
             if number := asked_to_stop():
                 _say("\nstopped: writing what is there so far")
                 state.mapper.settle()
@@ -96,14 +96,6 @@ def _skip_to(state: RunState, position: int, sequence: Sequence) -> None:
     while state.done < position:
         state.mapper.skip(sequence.times[state.done])
         state.done += 1
-
-
-def _checkpoint(state: RunState) -> None:
-    try:
-        state.save(state)
-    except WriteError as error:
-        text = f"no checkpoint after frame {state.done} ({error}); mapping goes on"
-        warnings.warn(text, InputWarning, stacklevel=2)
 
 
 def _say(text: str) -> None:

@@ -3,13 +3,14 @@
 import contextlib
 import json
 import os
+import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import yaml
 
-from dsmap.errors import WriteError
+from dsmap.errors import InputWarning, WriteError
 
 
 @contextlib.contextmanager
@@ -63,6 +64,19 @@ def all_that_fits(folder: Path) -> Iterator[Callable[..., None]]:
     if missing:
         why = "; ".join(dict.fromkeys(reasons))
         raise WriteError(f"{folder}: not written: {', '.join(missing)} ({why})", tuple(missing), why)
+
+
+def written_or_warned(what: str, then: str, write: Callable[..., Any], *args: Any) -> bool:
+    """Call a writer with its arguments; whether it could write. If not, a warning says `what` is missing, and `then`.
+
+    For what is written on the way, so that a crash loses little: a full disk is no reason to lose everything.
+    """
+    try:
+        write(*args)
+    except WriteError as error:
+        warnings.warn(f"no {what} ({error}); {then}", InputWarning, stacklevel=2)
+        return False
+    return True
 
 
 def write_json(path: Path | str, values: Any, indent: int | None = 1) -> None:

@@ -16,6 +16,19 @@ except ImportError:  # not a Unix: nothing to lock with
 _TEMPORARY = re.compile(r"\..+\.\d+\.tmp(\.\w+)?")
 """Names of `files.atomic_path`."""
 
+_held: set[int] = set()
+
+
+def _let_go() -> None:
+    """A forked process (one that prepares images) must not keep the lock of a parent that is killed."""
+    for handle in _held:
+        os.close(handle)
+    _held.clear()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_let_go)
+
 
 @contextlib.contextmanager
 def locked(folder: Path, what: str) -> Iterator[None]:
@@ -37,10 +50,12 @@ def locked(folder: Path, what: str) -> Iterator[None]:
         raise WriteError(
             f"{folder} cannot be written ({error.strerror}); expected a writable folder"
         ) from error
+    _held.add(handle)
     try:
         _lock(handle, folder, what)
         yield
     finally:
+        _held.discard(handle)
         os.close(handle)
 
 

@@ -87,7 +87,7 @@ def test_a_run_is_not_overwritten_nor_continued_with_other_settings(images, tmp_
         run(images, tmp_path / "run", dataclasses.replace(short, lr=5e-3), resume=True)
     checkpoint = tmp_path / "run" / "checkpoint.safetensors"
     shutil.copy(tmp_path / "run" / "best.safetensors", checkpoint)
-    with pytest.raises(InputError, match=r"'dsmap.dsnet'.*expected 'dsmap.dsnet.training'"):
+    with pytest.raises(InputError, match=r"'dsmap.dsnet/2'; expected 'dsmap.dsnet.training/2'"):
         run(images, tmp_path / "run", short, resume=True)
 
 
