@@ -47,6 +47,9 @@ class TrackConfig:
     """The photometric term allows for another exposure of the frame than of the model: one factor a frame."""
     so3: bool = True
     """Tracking begins with a pre-alignment of the rotation alone on the coarsest level."""
+    view_width: Annotated[int, Range(1, 1_000_000)] = 320
+    """The model is predicted, and frames are registered to it, on the finest pyramid level of at most this many
+    columns: a map of a few millimetres shows no more in larger images."""
     min_inlier_fraction: Share = 0.1
     """A frame is lost if a smaller share of its pixels (of those with depth that fall into the model view) is
     associated."""
@@ -79,6 +82,9 @@ class TrackConfig:
 class SurfelConfig:
     """The surfel map."""
 
+    resolution: Annotated[float, Range(0, 1)] = 0.0
+    """Finest resolution of the map [m]: a surfel stands for the surface this far around it, and no disc is smaller. 0:
+    about a surfel a pixel of the nearest view."""
     max_ray_distance: Annotated[float, Range(0, 10, above=True)] = 0.05
     """Association: largest distance along the viewing ray [m]; far away ray_distance_z2 allows more."""
     ray_distance_z2: Annotated[float, Range(0, 10)] = 0.008

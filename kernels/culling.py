@@ -15,12 +15,12 @@ import numpy as np
 import warp as wp
 
 from dsmap.kernels.camera import Camera
-from dsmap.kernels.index_map import MAX_SPLAT
+from dsmap.kernels.index_map import MAX_COARSE_SPLAT
 from dsmap.kernels.launch import BLOCK, Slice, launch_rows
 from dsmap.kernels.types import SurfelArrays, SurfelMap
 
 _NEVER = wp.constant(2**31 - 1)
-_BORDER = float(MAX_SPLAT) + 1.0
+_BORDER = float(MAX_COARSE_SPLAT) + 1.0
 """Surfels this far [px] outside the image may still reach into it with their discs."""
 _SLACK = 1e-3
 """Rounding [m] of single-precision positions in maps of up to a kilometre."""

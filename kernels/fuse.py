@@ -8,7 +8,9 @@ import numpy as np
 import warp as wp
 
 from dsmap.kernels.camera import Camera, rotate, to_transform, transform
+from dsmap.kernels.coverage import MapView, find_uncovered
 from dsmap.kernels.launch import Slice, launch_rows
+from dsmap.kernels.pixel_min import scratch
 from dsmap.kernels.prefetch import AHEAD, fetch_early
 from dsmap.kernels.types import FrameMaps, SurfelMap
 
@@ -36,6 +38,7 @@ class Fusion:
     time: wp.int32  # frame number
     max_weight: wp.float32  # surfel confidence saturates here
     colours: wp.int32  # FusedColours
+    resolution: wp.float32  # [m] no surfel is smaller
 
 
 @functools.lru_cache(maxsize=8)
@@ -141,7 +144,8 @@ def _average(
         if i >= 0:
             w = weight[i]
             a = columns[x] * rows[y]
-            if radius_map[y, x] < RADIUS_RATIO * radius[i]:
+            size = wp.max(radius_map[y, x], fusion.resolution)
+            if size < RADIUS_RATIO * radius[i]:
                 share = a / (w + a)
                 position[i] = wp.lerp(position[i], transform(T_world_camera, vertex_map[y, x]), share)
                 normal[i] = wp.normalize(wp.lerp(normal[i], rotate(T_world_camera, normal_map[y, x]), share))
@@ -150,7 +154,7 @@ def _average(
                         colour[i] = colour_map[y, x]
                     elif fusion.colours == 2:
                         colour[i] = wp.lerp(colour[i], colour_map[y, x], share)
-                radius[i] = wp.lerp(radius[i], radius_map[y, x], share)
+                radius[i] = wp.lerp(radius[i], size, share)
             weight[i] = wp.min(w + a, fusion.max_weight)
             t_updated[i] = fusion.time
 
@@ -193,7 +197,7 @@ def _insert(
             if fusion.colours > 0:
                 colour[i] = colour_map[y, x]
             weight[i] = columns[x] * rows[y]
-            radius[i] = radius_map[y, x]
+            radius[i] = wp.max(radius_map[y, x], fusion.resolution)
             t_created[i] = fusion.time
             t_updated[i] = fusion.time
             label[i] = wp.uint8(0)
@@ -213,6 +217,9 @@ def fuse_frame(
     time: int,
     max_weight: float = math.inf,
     colours: FusedColours = FusedColours.ALL,
+    resolution: float = 0.0,
+    view: MapView | None = None,
+    grows: bool = True,
 ) -> int:
     """Fuse a frame (its level-0 maps) into the map; returns how many surfels were inserted.
 
@@ -227,19 +234,27 @@ def fuse_frame(
     copies; with it there is about one surfel a pixel of the finest view. New surfels are appended in
     image order. match: int32, shape (H, W), from `associate_surfels`; time: frame number; colours: which surfels
     take on the frame's; without any, new ones are NO_COLOUR, which the next colour replaces.
+    resolution [m]: no disc is smaller, and a pixel becomes a surfel only where `view`, of all surfels of the map (None:
+    it is empty), shows none (see `coverage`); 0: about one surfel a pixel of the finest view. grows: whether any is
+    inserted; where a view does not show the last frame's surfels, they would be inserted once more.
     """
     m, device, shape = surfels, surfels.device, match.shape
     to_world, from_world = to_transform(T_world_camera), to_transform(np.linalg.inv(T_world_camera))
     fusion = Fusion()
     fusion.time, fusion.max_weight, fusion.colours = time, max_weight, int(colours)
+    fusion.resolution = resolution
     columns, rows = _sample_weights(camera.width, camera.height, str(device))
-    is_new = wp.empty(shape, dtype=wp.int32, device=device)
-    inputs = [camera, from_world, frame.vertex, frame.normal, frame.edge, match, m.position]
-    launch_rows(_find_new, *shape, inputs, [is_new], device)
+    is_new = scratch("is new", shape, wp.int32, device)
+    if resolution == 0:
+        inputs = [camera, from_world, frame.vertex, frame.normal, frame.edge, match, m.position]
+        launch_rows(_find_new, *shape, inputs, [is_new], device)
     maps = [frame.vertex, frame.normal, frame.colour, frame.radius]
     outputs = [m.position, m.normal, m.colour, m.weight, m.radius, m.t_updated]
     launch_rows(_average, *shape, [camera, to_world, fusion, columns, rows, *maps, match], outputs, device)
-
+    if resolution > 0 and grows:
+        find_uncovered(camera, T_world_camera, frame, match, resolution, view, is_new)
+    if not grows:
+        return 0
     rank, inserted = _ranks(is_new)
     if inserted:
         m.reserve(m.count + inserted)
@@ -254,7 +269,7 @@ def fuse_frame(
 def _ranks(flags: wp.array) -> tuple[wp.array, int]:
     """For flags of 0 and 1, shape (H, W): how many are set before each pixel, shape (H * W), and in all."""
     flat = flags.flatten()
-    rank = wp.empty_like(flat)
+    rank = scratch("rank", flat.shape, wp.int32, flags.device)
     wp.utils.array_scan(flat, rank, inclusive=False)
     last = flat.shape[0] - 1
     return rank, int(rank[last:].numpy()[0] + flat[last:].numpy()[0])

@@ -27,8 +27,12 @@ from dsmap.kernels.types import SurfelMap
 
 WHOLE_FROM = wp.constant(2.2)
 """Discs whose shorter half-axis is at least this [px] are drawn whole: centres may be 1.5 pixels apart."""
+COARSE_FROM = wp.constant(1.4)
+"""... and in a map with a finest resolution this, where that is more than a pixel: centres are further apart there."""
 MAX_SPLAT = wp.constant(3)
-"""Half-width [px] of the largest whole disc: one seen from very near is cut to 7 x 7 pixels."""
+"""Half-width [px] of the largest whole disc: one seen from very near is cut to 7 x 7 pixels..."""
+MAX_COARSE_SPLAT = wp.constant(16)
+"""... and in a map with a finest resolution to 33 x 33: there a disc is as large as that."""
 _STEPS = wp.types.vector(9, wp.int32)
 _STEP_X = wp.constant(_STEPS(0, 0, -1, 1, 0, -1, 1, -1, 1))
 _STEP_Y = wp.constant(_STEPS(0, -1, 0, 0, 1, -1, -1, 1, 1))
@@ -56,6 +60,7 @@ class Visible:
     t_min: wp.int32  # updated in frames t_min
     t_max: wp.int32  # to t_max,
     max_depth: wp.float32  # [m] up to this depth
+    resolution: wp.float32  # [m] the map's finest; 0: about a surfel a pixel
 
 
 @wp.func
@@ -90,10 +95,18 @@ def _draw_whole(
     index: int,
     keys: wp.array2d(dtype=wp.uint64),
 ):
-    """Ask for every pixel whose ray hits the disc (within MAX_SPLAT of its centre)."""
+    """Ask for every pixel whose ray hits the disc, not too far from its centre.
+
+    In a map with a finest resolution discs overlap, and the rim of one stands back behind the middle of another.
+    """
     u = project(camera, p)
-    dx = wp.min(camera.fx * r / p[2], float(MAX_SPLAT))
-    dy = wp.min(camera.fy * r / p[2], float(MAX_SPLAT))
+    largest = float(MAX_SPLAT)
+    back = float(0.0)
+    if select.resolution > 0.0:
+        largest = float(MAX_COARSE_SPLAT)
+        back = _thickness(p[2]) / (r * r)
+    dx = wp.min(camera.fx * r / p[2], largest)
+    dy = wp.min(camera.fy * r / p[2], largest)
     x0 = wp.max(int(wp.ceil(u[0] - dx)), 0)
     x1 = wp.min(int(wp.floor(u[0] + dx)), camera.width - 1)
     y0 = wp.max(int(wp.ceil(u[1] - dy)), 0)
@@ -103,10 +116,10 @@ def _draw_whole(
             view = ray(camera, float(x), float(y))
             if wp.dot(n, view) < 0.0:
                 z = ray_disc_depth(p, n, view)
-                if wp.length_sq(z * view - p) <= r * r and z <= select.max_depth:
-                    wp.atomic_min(
-                        keys, index, y * camera.width + x, make_key(_rank_depth(select, z, weight), item)
-                    )
+                off = wp.length_sq(z * view - p)
+                if off <= r * r and z <= select.max_depth:
+                    depth = _rank_depth(select, z, weight) + back * off
+                    wp.atomic_min(keys, index, y * camera.width + x, make_key(depth, item))
 
 
 @wp.kernel
@@ -117,6 +130,8 @@ def _splat(
 ):  # fmt: skip
     first = first_surfel(s, blocks, wp.tid())
     border = float(MAX_SPLAT)
+    if select.resolution > 0.0:
+        border = float(MAX_COARSE_SPLAT)
     for i in range(first, wp.min(first + s.step, s.count)):
         w = weight[i]
         t = t_updated[i]
@@ -139,7 +154,10 @@ def _splat(
         y = int(wp.floor(u[1] + 0.5))
         inside = x >= 0 and y >= 0 and x < camera.width and y < camera.height
         # The shorter half-axis of the projected disc is f r cos / z, with cos = facing / |p|.
-        if inside and camera.fx * r * facing < WHOLE_FROM * p[2] * wp.length(p):
+        whole_from = float(WHOLE_FROM)
+        if select.resolution * camera.fx > 1.4 * p[2]:
+            whole_from = float(COARSE_FROM)
+        if inside and camera.fx * r * facing < whole_from * p[2] * wp.length(p):
             wp.atomic_min(keys, s.index, y * camera.width + x, make_key(_rank_depth(select, p[2], w), i))
         else:
             _draw_whole(camera, select, p, n, r, w, i, s.index, keys)
@@ -268,6 +286,7 @@ def render_index(
     visible: wp.array | None = None,
     vertex: wp.array | None = None,
     normal: wp.array | None = None,
+    resolution: float = 0.0,
 ) -> None:
     """Fill the index map of a view: on the front surface, the surfel nearest to each pixel's ray.
 
@@ -275,13 +294,14 @@ def render_index(
     drawn. Surfels updated in frames t_min .. t_max with weight >= min_weight and depth <= max_depth [m]
     take part; those below stable_weight fill holes, but hide no stable one within `penalty` [m].
     visible: blocks that may hold surfels in view (see `culling.Blocks`); None walks the whole map.
+    resolution: the map's finest [m], for which its discs were made; 0: about a surfel a pixel.
     index: out, int32, shape (H, W) of the camera; -1 where no surfel is seen.
     vertex, normal: out if given, vec3 [m], shape (H, W): where the pixel's ray meets the surfel's disc and the
     disc's normal, in the camera's frame; 0 where no surfel is seen.
     """
     select = Visible()
     select.min_weight, select.stable_weight, select.penalty = min_weight, stable_weight, penalty
-    select.t_min, select.t_max, select.max_depth = t_min, t_max, max_depth
+    select.t_min, select.t_max, select.max_depth, select.resolution = t_min, t_max, max_depth, resolution
     m, T_camera_world, shape = surfels, to_transform(np.linalg.inv(T_world_camera)), index.shape
     keys = key_buffer(*shape, m.device)
     inputs = [camera, T_camera_world, select, m.position, m.normal, m.weight, m.radius, m.t_updated]

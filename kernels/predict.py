@@ -47,19 +47,20 @@ def predict_model(
     t_max: int = ALWAYS,
     penalty: float = UNSTABLE_PENALTY,
     visible: wp.array | None = None,
+    resolution: float = 0.0,
 ) -> None:
     """Render the map into a camera: `maps` (out, shapes (H, W) of the camera) in that camera's frame.
 
     The vertex is where the pixel's ray meets the surfel's disc. Which surfels are seen: see `render_index`
     (the active model is t_min = now - window, the inactive one t_max = now - window - 1); `visible` holds
-    the blocks to walk (see `culling.Blocks`), None all. Pixels without
+    the blocks to walk (see `culling.Blocks`), None all; `resolution` is the map's. Pixels without
     a surfel have index -1, vertex, normal and colour 0, time -1.
     """
     m = surfels
     render_index(
         m, camera, T_world_camera, max_depth=max_depth, index=maps.index, min_weight=min_weight,
         stable_weight=stable_weight, t_min=t_min, t_max=t_max, penalty=penalty, visible=visible,
-        vertex=maps.vertex, normal=maps.normal,
+        vertex=maps.vertex, normal=maps.normal, resolution=resolution,
     )  # fmt: skip
     inputs = [maps.index, m.colour, m.t_updated]
     launch_rows(_resolve, *maps.index.shape, inputs, [maps.colour, maps.time], m.device)

@@ -27,6 +27,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
         "dsmap.tools.commands.refine",
         "Let the labels of a run agree with the shape of its map; find its things.",
     ),
+    "doctor": ("dsmap.tools.commands.doctor", "Does dsmap compute on this machine what it should?"),
     "bench": (
         "dsmap.tools.commands.bench",
         "Time every stage, and a peer on the same frames in the same run.",

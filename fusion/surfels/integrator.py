@@ -9,6 +9,7 @@ from dsmap.fusion.config import MapConfig
 from dsmap.fusion.surfels.views import Views
 from dsmap.kernels.associate import associate_surfels
 from dsmap.kernels.compact import Compaction
+from dsmap.kernels.coverage import MapView, thin_out
 from dsmap.kernels.fuse import FusedColours, fuse_frame
 from dsmap.kernels.label import update_labels
 from dsmap.kernels.label_smooth import smooth_probabilities
@@ -51,18 +52,27 @@ class Integrator:
         T_world_camera: np.ndarray,
         maps: FrameMaps,
         time: int,
+        view: MapView | None,
+        grows: bool,
         colours: FusedColours = FusedColours.ALL,
     ) -> int:
-        """Average the frame into its surfels and insert what is new; returns how many surfels are."""
+        """Average the frame into its surfels and insert what is new; returns how many surfels are.
+
+        view: of the map as it is, None if that is empty; grows: whether surfels may be inserted, which in a map with a
+        finest resolution is only so where the view shows all there are.
+        """
         return fuse_frame(
-            self.views.surfels, self._camera, T_world_camera, maps, self._match, time=time, colours=colours
-        )
+            self.views.surfels, self._camera, T_world_camera, maps, self._match, time=time, colours=colours,
+            resolution=self.config.surfels.resolution, view=view, grows=grows,
+        )  # fmt: skip
 
     def clean_up(self, T_world_camera: np.ndarray, maps: FrameMaps, time: int, t_active: int) -> None:
         """Take out what was never confirmed, what the frame sees through and what is there twice."""
         surfels, walk = self.config.surfels, self.visible
         assert walk is not None
         if time % surfels.clean_every == 0:
+            if surfels.resolution > 0:
+                thin_out(self.views.surfels, self._camera, maps.vertex, self._match, surfels.resolution)
             walk = self.views.blocks.to_clean(walk, time, surfels.unstable_frames)
             prune(
                 self.views.surfels, self._camera, T_world_camera, maps.depth, maps.edge, self._match, time=time,

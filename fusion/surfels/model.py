@@ -12,6 +12,7 @@ from dsmap.fusion.surfels.integrator import Integrator
 from dsmap.fusion.surfels.model_view import ModelView
 from dsmap.fusion.surfels.views import Views, pyramid_cameras, view_is_stale
 from dsmap.kernels.compact import Compaction
+from dsmap.kernels.coverage import MapView
 from dsmap.kernels.culling import Blocks
 from dsmap.kernels.fuse import FusedColours
 from dsmap.kernels.reactivate import reactivate
@@ -50,14 +51,19 @@ class SurfelModel:
         self.blocks = Blocks(self.surfels, config.surfels.stable_weight)
         self.views = Views(config, self.blocks, self.cameras)
         self.integrator = Integrator(config, self.views)
-        self.maps = self.views.empty()
-        """The active model as predicted last, finest level."""
+        narrow = [level for level, c in enumerate(self.cameras) if c.width <= config.track.view_width]
+        self.view_level = min(narrow, default=LEVELS - 1)
+        """The pyramid level that frames are registered on at last."""
+        self.maps = self.views.empty(self.view_level)
+        """The active model as predicted last, on that level."""
         self.view: ModelView | None = None
         """The same as a pyramid; None before the first prediction."""
         self.view_t_active = 0
         """Surfels updated since this frame are in `view`."""
         self.last_fused = -1
         """The last frame that was fused."""
+        self._grown = False
+        """Whether the map has grown since `view` was predicted."""
         self._ages = config.loops.mode != "off" and config.poses == "track" and not frozen
         narrow = [level for level, c in enumerate(self.cameras) if c.width <= config.loops.view_width]
         self.narrow_level = min(narrow, default=LEVELS - 1)
@@ -91,7 +97,9 @@ class SurfelModel:
         with clock.stage("associate"):
             self.integrator.associate(T_world_camera, maps, t_active)
         with clock.stage("fuse"):
-            inserted = self.integrator.fuse(T_world_camera, maps, time, colours)
+            grows = self.view is None or not self._grown or self.config.surfels.resolution == 0
+            inserted = self.integrator.fuse(T_world_camera, maps, time, self._map_view, grows, colours)
+            self._grown = self._grown or grows
         with clock.stage("clean up"):
             self.integrator.clean_up(T_world_camera, maps, time, t_active)
         return inserted
@@ -111,9 +119,19 @@ class SurfelModel:
         """The active model's view from the camera, which the next frame is tracked against."""
         self.view_t_active = self.t_active
         visible = self.integrator.visible
-        self.views.render(T_world_camera, self.maps, t_min=self.view_t_active, visible=visible)
-        self.view = self.views.pyramid(T_world_camera, self.maps)
+        self.views.render(
+            T_world_camera, self.maps, level=self.view_level, t_min=self.view_t_active, visible=visible
+        )
+        self.view = self.views.pyramid(T_world_camera, self.maps, self.view_level)
+        self._grown = False
         return self.view
+
+    @property
+    def _map_view(self) -> MapView | None:
+        if self.view is None:
+            return None
+        camera = self.cameras[self.view_level]
+        return MapView(camera, self.view.T_world_camera, self.maps.vertex, self.maps.normal)
 
     def has_moved(self, T_world_camera: np.ndarray) -> None:
         """The surfels were bent, or became active: see from the camera what is there now."""
@@ -145,6 +163,7 @@ class SurfelModel:
             "last_fused": self.last_fused,
             "view_t_active": self.view_t_active,
             "sweep": list(self.compaction.cursor),
+            "grown": self._grown,
         }
         if self.view is not None:
             state["view.T_world_camera"] = self.view.T_world_camera
@@ -155,7 +174,9 @@ class SurfelModel:
         """Go on where `state` was taken, with the surfels of then."""
         self.last_fused, self.view_t_active = state["last_fused"], state["view_t_active"]
         self.compaction.cursor = tuple(state["sweep"])
-        if "view.T_world_camera" in state:
+        self._grown = bool(state.get("grown", True))
+        # A file of a time when views were of another size has none that could be used: the next frame predicts one.
+        if "view.T_world_camera" in state and state["view.vertex"].shape[:2] == self.maps.vertex.shape:
             for name in _VIEW:
                 getattr(self.maps, name).assign(state[f"view.{name}"])
-            self.view = self.views.pyramid(state["view.T_world_camera"], self.maps)
+            self.view = self.views.pyramid(state["view.T_world_camera"], self.maps, self.view_level)

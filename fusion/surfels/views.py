@@ -85,7 +85,7 @@ class Views:
         predict_model(
             self.surfels, self.cameras[level], T_world_camera, max_depth=self.config.depth_range[1], maps=maps,
             stable_weight=self.config.surfels.stable_weight, t_min=t_min, t_max=t_max,
-            visible=visible,
+            visible=visible, resolution=self.config.surfels.resolution,
         )  # fmt: skip
 
     def pyramid(self, T_world_camera: np.ndarray, maps: ModelMaps, level: int = 0) -> ModelView:

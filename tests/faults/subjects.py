@@ -43,9 +43,8 @@ def _frames(count: int) -> list[Any]:
 
 
 def _recording(folder: Path, frames: int = 6) -> Path:
-    from wall_corner import INTRINSICS
-
     from dsmap.sequences import SequenceWriter
+    from dsmap.tools.twins.corner import INTRINSICS
 
     camera = INTRINSICS.scaled(64, 48)
     with SequenceWriter(folder, camera, depth_max=6.0) as writer:

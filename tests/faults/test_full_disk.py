@@ -11,7 +11,6 @@ import pytest
 from corner_frames import FRAMES, config, record
 from faulty_disk import FAULTS, FaultyDisk
 from safetensors.numpy import load_file
-from wall_corner import INTRINSICS
 
 from dsmap.errors import InputWarning, WriteError
 from dsmap.fusion.labels.semantics import GroundTruthSegmenter
@@ -21,6 +20,7 @@ from dsmap.fusion.runs.run_folder import save_run
 from dsmap.sequences import open_sequence
 from dsmap.tensor_files import write_tensors
 from dsmap.tools.cli import run
+from dsmap.tools.twins.corner import INTRINSICS
 
 
 def contents(folder: Path) -> dict[str, bytes]:

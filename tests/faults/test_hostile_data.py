@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 import scipy.io
 from corner_frames import FRAMES, config, record
-from wall_corner import INTRINSICS
 
 from dsmap.errors import InputError
 from dsmap.files import write_yaml
@@ -24,6 +23,7 @@ from dsmap.tools.cli import run
 from dsmap.tools.commands.evaluate import Args, segmenter_of
 from dsmap.tools.mapping.segmenters import SegmenterSpec, make_segmenter
 from dsmap.tools.support.recipes import load_recipe
+from dsmap.tools.twins.corner import INTRINSICS
 
 
 @pytest.fixture

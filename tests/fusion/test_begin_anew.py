@@ -5,7 +5,6 @@ import warnings
 import numpy as np
 import pytest
 from corner_frames import config, frames
-from wall_corner import INTRINSICS
 
 from dsmap.errors import InputWarning
 from dsmap.frame import Frame
@@ -13,6 +12,7 @@ from dsmap.fusion import mapper as module
 from dsmap.fusion.mapper import Mapper
 from dsmap.fusion.runs.checkpoint import load_map, save_map
 from dsmap.fusion.runs.resume import resumed_mapper
+from dsmap.tools.twins.corner import INTRINSICS
 
 H, W = INTRINSICS.height, INTRINSICS.width
 GOOD = frames(9)

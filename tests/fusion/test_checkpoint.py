@@ -11,7 +11,6 @@ from corner_frames import FRAMES, config, frames
 from loop_room import AWAY, DRIFT
 from safetensors import safe_open
 from safetensors.numpy import load_file, save_file
-from wall_corner import INTRINSICS
 
 from dsmap.errors import InputError, InputWarning
 from dsmap.frame import Frame
@@ -23,6 +22,7 @@ from dsmap.fusion.runs.checkpoint import FORMAT, load_map, read_metadata, save_m
 from dsmap.fusion.runs.resume import mapper_in_saved_map, resumed_mapper
 from dsmap.fusion.runs.run_folder import save_run
 from dsmap.tensor_files import write_tensors
+from dsmap.tools.twins.corner import INTRINSICS
 
 
 def everything(m: Mapper) -> dict[str, np.ndarray]:

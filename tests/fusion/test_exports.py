@@ -13,7 +13,6 @@ import pytest
 import yaml
 from corner_frames import FLOOR, FRAMES, WALL, config, record
 from synthetic_map import SIZE, TABLE, room_arrays
-from wall_corner import INTRINSICS
 
 from dsmap.classes import NUM_CLASSES, PALETTE
 from dsmap.errors import InputError
@@ -30,6 +29,7 @@ from dsmap.fusion.runs.read_run import SavedRun, load_run
 from dsmap.fusion.runs.run_folder import save_run
 from dsmap.sequences import Sequence, open_sequence
 from dsmap.tools import cli
+from dsmap.tools.twins.corner import INTRINSICS
 
 
 @pytest.fixture(scope="module")

@@ -4,11 +4,11 @@ import time
 
 import numpy as np
 import pytest
-from wall_corner import INTRINSICS
 
 from dsmap.fusion.config import FernConfig
 from dsmap.fusion.lie import exp_se3
 from dsmap.fusion.places.ferns import NO_DATA, FernDatabase, SmallView, small_size, small_view
+from dsmap.tools.twins.corner import INTRINSICS
 
 SIZE = (18, 24)
 

@@ -5,7 +5,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from corner_frames import FLOOR, FRAMES, WALL, config
-from wall_corner import INTRINSICS
 
 from dsmap.classes import CLASS_NAMES
 from dsmap.config_file import fill
@@ -17,6 +16,7 @@ from dsmap.fusion.lie import exp_se3, inverse
 from dsmap.fusion.mapper import Mapper
 from dsmap.fusion.runs.checkpoint import load_map
 from dsmap.fusion.runs.run_folder import save_run
+from dsmap.tools.twins.corner import INTRINSICS
 
 
 def test_tracks_and_fuses():

@@ -3,8 +3,6 @@
 import moving_scene
 import numpy as np
 import pytest
-import random_scene
-import reference_map
 import warp as wp
 
 from dsmap.fusion.config import MapConfig, MovingConfig
@@ -15,6 +13,8 @@ from dsmap.fusion.trajectory import TrajectoryPoint
 from dsmap.kernels.moving import carried_over, was_free_space
 from dsmap.kernels.preprocess import preprocess
 from dsmap.metrics import ate_rmse
+from dsmap.tools.twins import scene as random_scene
+from dsmap.tools.twins import surfels as reference_map
 
 CAMERA = random_scene.CAMERA
 

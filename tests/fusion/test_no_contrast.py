@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from bare_wall import film
-from wall_corner import INTRINSICS, room
 
 from dsmap.frame import Frame
 from dsmap.fusion.config import MapConfig
@@ -12,6 +11,7 @@ from dsmap.fusion.mapper import Mapper
 from dsmap.fusion.tracking.image_content import Colours, contrast, judged
 from dsmap.fusion.tracking.observability import MOST_BLIND_M, BlindWay, Unheld
 from dsmap.kernels.fuse import NO_COLOUR
+from dsmap.tools.twins.corner import INTRINSICS, room
 
 FRAMES, SPOILT = 16, range(5, 11)
 

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from wall_corner import INTRINSICS, room
 
 from dsmap.frame import Frame
 from dsmap.fusion.config import FernConfig, MapConfig, RelocaliseConfig
@@ -23,6 +22,7 @@ from dsmap.fusion.trajectory import TrajectoryPoint, extrapolated
 from dsmap.kernels.predict import predict_model
 from dsmap.kernels.preprocess import depth_in_range, intensity_map, preprocess
 from dsmap.kernels.types import ModelMaps
+from dsmap.tools.twins.corner import INTRINSICS, room
 
 
 @pytest.fixture(scope="module")

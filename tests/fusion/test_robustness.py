@@ -4,7 +4,6 @@ import json
 
 import numpy as np
 import pytest
-from wall_corner import INTRINSICS, room
 
 from dsmap.frame import Frame
 from dsmap.fusion.config import FernConfig, MapConfig
@@ -19,6 +18,7 @@ from dsmap.kernels.predict import predict_model
 from dsmap.kernels.preprocess import depth_in_range, intensity_map, preprocess
 from dsmap.kernels.types import ModelMaps
 from dsmap.tools.cli import run
+from dsmap.tools.twins.corner import INTRINSICS, room
 
 
 def walk(frames: int = 90) -> np.ndarray:

@@ -2,8 +2,9 @@
 
 import cv2
 import numpy as np
-import reference
-from wall_corner import INTRINSICS, LEVELS
+
+from dsmap.tools.twins import images as reference
+from dsmap.tools.twins.corner import INTRINSICS, LEVELS
 
 WALL_Z, CUPBOARD_X, CUPBOARD_Z = 1.6, 1.2, 1.25
 """Where they are [m], from a camera at the origin that looks at the wall; the cupboard goes on to the right."""

@@ -3,13 +3,13 @@
 from pathlib import Path
 
 import numpy as np
-from wall_corner import INTRINSICS, room
 
 from dsmap.classes import CLASS_NAMES
 from dsmap.frame import Frame
 from dsmap.fusion.config import MapConfig
 from dsmap.fusion.lie import exp_se3
 from dsmap.sequences import SequenceWriter
+from dsmap.tools.twins.corner import INTRINSICS, room
 
 WALL, FLOOR = CLASS_NAMES.index("wall"), CLASS_NAMES.index("floor")
 

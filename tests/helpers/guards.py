@@ -20,9 +20,7 @@ from typing import Any
 import loop_room
 import moving_scene
 import numpy as np
-import wall_corner
 from corner_frames import config, frames
-from wall_corner import INTRINSICS
 
 from dsmap.frame import Frame, Intrinsics
 from dsmap.fusion.config import LabelConfig
@@ -32,6 +30,8 @@ from dsmap.fusion.mapper import Mapper
 from dsmap.sequences import SequenceWriter
 from dsmap.sim_scenes.rooms.build import SCENES, build_scene
 from dsmap.sim_scenes.scene import Scene
+from dsmap.tools.twins import corner as wall_corner
+from dsmap.tools.twins.corner import INTRINSICS
 
 KEPT = Path(__file__).parent / "kept"
 STATED = KEPT / "guards.json"

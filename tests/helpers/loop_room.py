@@ -1,13 +1,13 @@
 """A closed, textured room that a camera can turn around in, ray cast in NumPy; and drift put into a map."""
 
 import numpy as np
-import reference
 
 from dsmap.frame import Frame, Intrinsics
 from dsmap.fusion.config import MapConfig
 from dsmap.fusion.lie import exp_se3
 from dsmap.fusion.mapper import Mapper
 from dsmap.kernels.camera import Camera, make_camera
+from dsmap.tools.twins import images as reference
 
 INTRINSICS = Intrinsics(128, 96, 110.0, 110.0, 63.5, 47.5)
 _CAMERA = make_camera(INTRINSICS)

@@ -1,10 +1,10 @@
 """A room seen by a camera that pans while a box slides through, ray cast: frames for tests of moving things."""
 
 import numpy as np
-import reference
 
 from dsmap.frame import Frame, Intrinsics
 from dsmap.kernels.camera import make_camera
+from dsmap.tools.twins import images as reference
 
 INTRINSICS = Intrinsics(160, 120, 140.0, 140.0, 79.5, 59.5)
 HALF = np.array([0.25, 0.4, 0.25])

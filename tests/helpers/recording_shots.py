@@ -6,11 +6,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 from corner_frames import FRAMES
-from wall_corner import INTRINSICS
 
 from dsmap.frame import Intrinsics
 from dsmap.sequences.associate import pose_vector
 from dsmap.sequences.calibration import Calibration, write_calibration
+from dsmap.tools.twins.corner import INTRINSICS
 
 CAMERA = INTRINSICS
 COUNT = 12

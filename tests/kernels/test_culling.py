@@ -2,10 +2,8 @@
 
 import numpy as np
 import pytest
-import random_scene
 import warp as wp
 from corner_frames import config, frames
-from wall_corner import INTRINSICS, room
 
 from dsmap.frame import Frame
 from dsmap.fusion.labels.semantics import GroundTruthSegmenter
@@ -17,6 +15,8 @@ from dsmap.kernels.culling import Blocks, frustum
 from dsmap.kernels.index_map import render_index
 from dsmap.kernels.launch import BLOCK, all_blocks
 from dsmap.kernels.types import SurfelMap
+from dsmap.tools.twins import scene as random_scene
+from dsmap.tools.twins.corner import INTRINSICS, room
 
 STABLE = 10.0
 

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-import reference
 import warp as wp
 
 from dsmap.frame import Intrinsics
 from dsmap.kernels.camera import make_camera
 from dsmap.kernels.geometry import geometry_channels
+from dsmap.tools.twins import images as reference
 
 CAMERA = make_camera(Intrinsics(48, 36, 40.0, 41.0, 23.2, 17.9))
 LEVEL = np.array([0.0, -1.0, 0.0])

@@ -2,15 +2,15 @@
 
 import numpy as np
 import pytest
-import random_scene
-import reference
-import reference_map
 import warp as wp
 
 from dsmap.frame import Intrinsics
 from dsmap.kernels.camera import make_camera
 from dsmap.kernels.label import update_labels
 from dsmap.kernels.label_smooth import smooth_probabilities
+from dsmap.tools.twins import images as reference
+from dsmap.tools.twins import scene as random_scene
+from dsmap.tools.twins import surfels as reference_map
 
 CAMERA = random_scene.CAMERA
 SMALL = make_camera(Intrinsics(48, 36, 40.0, 41.0, 23.2, 17.9))

@@ -2,8 +2,6 @@
 
 import numpy as np
 import pytest
-import random_scene
-import reference_map
 import warp as wp
 
 from dsmap.kernels import launch
@@ -16,6 +14,8 @@ from dsmap.kernels.pixel_min import TAKEN
 from dsmap.kernels.prune import prune
 from dsmap.kernels.reactivate import reactivate
 from dsmap.kernels.types import SurfelMap
+from dsmap.tools.twins import scene as random_scene
+from dsmap.tools.twins import surfels as reference_map
 
 CAMERA, TIME = random_scene.CAMERA, random_scene.TIME
 SHAPE = (CAMERA.height, CAMERA.width)

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-import random_scene
-import reference_map
 import warp as wp
 
 from dsmap.errors import InputError
 from dsmap.kernels.label import posterior, update_labels
+from dsmap.tools.twins import scene as random_scene
+from dsmap.tools.twins import surfels as reference_map
 
 CAMERA = random_scene.CAMERA
 

@@ -2,14 +2,14 @@
 
 import numpy as np
 import pytest
-import random_scene
-import reference_map
 import warp as wp
 
 from dsmap.kernels.camera import make_camera
 from dsmap.kernels.index_map import render_index
 from dsmap.kernels.predict import predict_model
 from dsmap.kernels.types import ModelMaps, SurfelMap
+from dsmap.tools.twins import scene as random_scene
+from dsmap.tools.twins import surfels as reference_map
 
 CAMERA, SHAPE = random_scene.CAMERA, (48, 64)
 

@@ -4,9 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-import reference
 import warp as wp
-from wall_corner import LEVELS, room
 
 from dsmap.fusion.config import TrackConfig
 from dsmap.fusion.lie import exp_se3, exp_so3, inverse, log_se3, rotation_angle
@@ -15,6 +13,8 @@ from dsmap.fusion.tracking.motion_filter import Expected
 from dsmap.fusion.tracking.tracker import Tracker, exposure_gain
 from dsmap.kernels import odometry
 from dsmap.kernels.preprocess import preprocess
+from dsmap.tools.twins import images as reference
+from dsmap.tools.twins.corner import LEVELS, room
 
 CPU = wp.get_device("cpu")
 

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-import reference
 import warp as wp
 
 from dsmap.frame import Intrinsics
 from dsmap.kernels import filters, odometry, preprocess
 from dsmap.kernels.camera import make_camera
+from dsmap.tools.twins import images as reference
 
 INTRINSICS = Intrinsics(48, 36, 40.0, 41.0, 23.2, 17.9)
 CAMERA = make_camera(INTRINSICS)

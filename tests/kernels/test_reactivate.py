@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 import warp as wp
-from random_scene import CAMERA, INTRINSICS, TIME, frame_arrays, pose, surfel_map
 
 from dsmap.kernels.reactivate import reactivate
+from dsmap.tools.twins.scene import CAMERA, INTRINSICS, TIME, frame_arrays, pose, surfel_map
 
 T_MIN, DISTANCE, Z2 = 20, 0.02, 0.01
 

@@ -2,10 +2,7 @@
 
 import numpy as np
 import pytest
-import reference
-import wall_corner
 import warp as wp
-from wall_corner import READOUT, TWIST, rolled
 
 from dsmap.frame import Frame
 from dsmap.fusion.config import MapConfig, TrackConfig
@@ -18,6 +15,9 @@ from dsmap.fusion.trajectory import TrajectoryPoint
 from dsmap.kernels.preprocess import preprocess
 from dsmap.kernels.shutter import global_shutter
 from dsmap.metrics import ate_rmse
+from dsmap.tools.twins import corner as wall_corner
+from dsmap.tools.twins import images as reference
+from dsmap.tools.twins.corner import READOUT, TWIST, rolled
 
 CPU = wp.get_device("cpu")
 LEVELS = wall_corner.LEVELS

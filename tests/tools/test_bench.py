@@ -6,13 +6,13 @@ import time
 import numpy as np
 import pytest
 from corner_frames import FRAMES
-from wall_corner import INTRINSICS
 
 from dsmap.errors import InputError
 from dsmap.fusion.evaluate.timing import Timing, time_steps
 from dsmap.sequences import SequenceWriter
 from dsmap.tools.commands.bench import Args, main, summarise
 from dsmap.tools.support.bench_worker import Request, measured, summary
+from dsmap.tools.twins.corner import INTRINSICS
 
 
 @pytest.fixture(scope="module")

@@ -5,13 +5,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-import wall_corner
-from wall_corner import READOUT, TWIST, rolled
 
 from dsmap.fusion.evaluate.epipolar import sampson_distance
 from dsmap.fusion.evaluate.rolling_rows import Rows, rows_of
 from dsmap.fusion.evaluate.trajectory import point_to_plane
 from dsmap.fusion.lie import exp_se3, inverse
+from dsmap.tools.twins import corner as wall_corner
+from dsmap.tools.twins.corner import READOUT, TWIST, rolled
 
 CAMERA = wall_corner.INTRINSICS
 OTHER = np.array([0.2, 0.3, -0.1, -0.6, 0.4, 0.8])

@@ -1,5 +1,7 @@
 """A small random scene for the surfel-map kernels: a frame of a bumpy wall, and surfels of every kind."""
 
+from typing import Any
+
 import numpy as np
 import warp as wp
 
@@ -50,15 +52,17 @@ def frame_arrays(seed: int = 0) -> dict[str, np.ndarray]:
     return {name: a.astype(np.uint8 if name == "edge" else np.float32) for name, a in arrays.items()}
 
 
-def frame_maps(arrays: dict[str, np.ndarray]) -> FrameMaps:
+def frame_maps(arrays: dict[str, np.ndarray], device: Any = "cpu") -> FrameMaps:
     """The frame in Warp."""
     dtypes = {"vertex": wp.vec3, "normal": wp.vec3, "colour": wp.vec3, "edge": wp.uint8}
     return FrameMaps(
-        **{name: wp.array(a, dtype=dtypes.get(name, wp.float32), device="cpu") for name, a in arrays.items()}
+        **{name: wp.array(a, dtype=dtypes.get(name, wp.float32), device=device) for name, a in arrays.items()}
     )
 
 
-def surfel_map(T_world_camera: np.ndarray, count: int = 3000, seed: int = 0, capacity: int = 0) -> SurfelMap:
+def surfel_map(
+    T_world_camera: np.ndarray, count: int = 3000, seed: int = 0, capacity: int = 0, device: Any = "cpu"
+) -> SurfelMap:
     """Surfels near the frame's surface and elsewhere; some dead, unstable, old, facing away, behind, huge."""
     rng = np.random.default_rng(seed + 100)
     near = frame_arrays(seed)["vertex"].reshape(-1, 3)
@@ -83,10 +87,11 @@ def surfel_map(T_world_camera: np.ndarray, count: int = 3000, seed: int = 0, cap
         "evidence": labelled[:, None] * -rng.random((count, 13)),
         "segment": labelled * np.arange(count),
     }
-    surfels = SurfelMap.empty("cpu", capacity=capacity or count)
+    surfels = SurfelMap.empty(device, capacity=capacity or count)
     surfels.count = count
     for name, value in surfels.numpy().items():
         value[:] = values[name]
+        wp.copy(getattr(surfels, name), wp.array(value, dtype=getattr(surfels, name).dtype, device="cpu"))
     return surfels
 
 

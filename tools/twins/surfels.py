@@ -1,7 +1,8 @@
 """Slow, readable NumPy twins of the surfel-map kernels. `s` is `SurfelMap.numpy()`, copied and in float64."""
 
 import numpy as np
-from reference import rays
+
+from dsmap.tools.twins.images import rays
 
 
 def arrays(surfels) -> dict[str, np.ndarray]:
@@ -44,8 +45,9 @@ def _hit(p, n, view):
 
 
 def render_index(s, camera, T, *, max_depth, min_weight=0.0, stable_weight=0.0, t_min=0, t_max=2**31 - 1,
-                 penalty=0.05):  # fmt: skip
+                 penalty=0.05, resolution=0.0):  # fmt: skip
     """Index map, int, shape (H, W)."""
+    largest = 16 if resolution > 0 else 3
     position, normal = into_camera(T, s)
     view = rays(camera)
 
@@ -65,15 +67,19 @@ def render_index(s, camera, T, *, max_depth, min_weight=0.0, stable_weight=0.0, 
         u, v = project(camera, p)
         cos = -(n @ p) / np.linalg.norm(p)
         asks = [(at, p[2]) for at in [pixel(camera, p)] if at]
-        if not asks or camera.fx * r * cos / p[2] >= 2.2:  # seen from near, or from outside: the whole disc
-            dx, dy = min(camera.fx * r / p[2], 3), min(camera.fy * r / p[2], 3)
+        whole_from = 1.4 if resolution * camera.fx > 1.4 * p[2] else 2.2
+        if (
+            not asks or camera.fx * r * cos / p[2] >= whole_from
+        ):  # seen from near, or from outside: the whole disc
+            dx, dy = min(camera.fx * r / p[2], largest), min(camera.fy * r / p[2], largest)
             box = [
                 (y, x)
                 for y in range(max(int(np.ceil(v - dy)), 0), min(int(v + dy), camera.height - 1) + 1)
                 for x in range(max(int(np.ceil(u - dx)), 0), min(int(u + dx), camera.width - 1) + 1)
             ]
             hits = [(at, _hit(p, n, view[at])) for at in box]
-            asks = [(at, h[0]) for at, h in hits if h and h[1] <= r and h[0] <= max_depth]
+            back = thickness(p[2]) / r**2 if resolution > 0 else 0.0  # rims of discs that overlap
+            asks = [(at, h[0] + back * h[1] ** 2) for at, h in hits if h and h[1] <= r and h[0] <= max_depth]
         for at, depth in asks:
             candidate[at] = min(candidate.get(at, (np.inf, -1)), (rank(i, depth), i))
     index = np.full((camera.height, camera.width), -1)
@@ -178,6 +184,54 @@ def fuse_frame(s, camera, T, frame, match, *, time, max_weight=np.inf) -> dict[s
     if not new:
         return s
     return {name: np.concatenate([s[name], [row[name] for row in new]]) for name in s}
+
+
+def find_uncovered(camera, T, frame, match, resolution, view=None) -> np.ndarray:
+    """Pixels that become surfels of a map with a finest resolution, bool, shape (H, W).
+
+    view: (camera, T_world_camera, vertex, normal) of the map, None if it is empty.
+    """
+    wanted = np.zeros(match.shape, bool)
+    for at in np.ndindex(match.shape):
+        v, n = frame["vertex"][at], frame["normal"][at]
+        wanted[at] = match[at] == -1 and v[2] > 0 and n.any() and not frame["edge"][at]
+        if wanted[at] and view is not None:
+            seen_by, T_view, vertex, normal = view
+            T_view_camera = np.linalg.inv(T_view) @ T
+            p = T_view_camera[:3, :3] @ v + T_view_camera[:3, 3]
+            there = pixel(seen_by, p)
+            if there is None:
+                wanted[at] = False
+                continue
+            off, its_normal = p - vertex[there], normal[there]
+            on_it = abs(off @ its_normal) < 0.01 + 0.005 * p[2] ** 2
+            near = np.linalg.norm(off) < 2 * max(resolution, p[2] / seen_by.fx)
+            wanted[at] = not (on_it and near and T_view_camera[:3, :3] @ n @ its_normal > 0.6)
+    new = np.zeros_like(wanted)
+    for y, x in np.argwhere(wanted):
+        v = frame["vertex"][y, x]
+        k = int(np.clip(int(resolution * camera.fx / v[2] + 0.5), 1, 16))
+        cell = [
+            (yy, xx)
+            for yy in range(y - y % k, y + 1)
+            for xx in range(x - x % k, min(x - x % k + k, match.shape[1]))
+        ]
+        earlier = [at for at in cell if (at[0] < y or at[1] < x) and wanted[at]]
+        new[y, x] = all(np.linalg.norm(frame["vertex"][at] - v) >= 2 * resolution for at in earlier)
+    return new
+
+
+def thin_out(s, camera, vertex, match, resolution) -> np.ndarray:
+    """Weights after surfels in a crowd are taken out."""
+    weight = s["weight"].copy()
+    for y, x in np.argwhere(match >= 0):
+        i, near = match[y, x], 0.5 * resolution
+        k = int(np.clip(int(near * camera.fx / vertex[y, x, 2] + 0.5), 0, 16))
+        around = match[max(y - k, 0) : y + k + 1, max(x - k, 0) : x + k + 1]
+        others = [j for j in around[around >= 0] if j != i and s["weight"][j] > s["weight"][i]]
+        if any(np.linalg.norm(s["position"][j] - s["position"][i]) < near for j in others):
+            weight[i] = 0
+    return weight
 
 
 def prune(s, camera, T, depth, edge, match, *, time, stable_weight=10.0, max_unseen=20, t_min=0, max_depth=1e9,

@@ -4,11 +4,11 @@ For tests that want a curved surface, too, there may be a ball in it.
 """
 
 import numpy as np
-import reference
 
 from dsmap.frame import Intrinsics
 from dsmap.fusion.lie import exp_se3
 from dsmap.kernels.camera import make_camera
+from dsmap.tools.twins import images as reference
 
 INTRINSICS = Intrinsics(96, 72, 90.0, 91.0, 47.2, 35.9)
 LEVELS = [make_camera(INTRINSICS.scaled(96 >> level, 72 >> level)) for level in range(3)]
