@@ -100,14 +100,14 @@ def small(path: Path) -> None:
 
     from dsmap.dsnet.checkpoint import WeightsInfo, save_weights
     from dsmap.dsnet.config import DSNetConfig
-    from dsmap.dsnet.networks.build import build
+    from dsmap.dsnet.networks.build import build_network
 
     torch.manual_seed(0)
     net = DSNetConfig(layers=2, growth=4, widths=(8, 8, 8, 8), stem_convs=1, dropout=0.1)
     share = (0.0, *[1 / 13] * 13)
     save_weights(
         path,
-        build(net),
+        build_network(net),
         WeightsInfo(net, size=(64, 64), shares=share, balance=(0.0, *[1.0] * 13), notes={"steps": 3}),
     )
 
@@ -475,7 +475,13 @@ def prepare(subject: Subject, folder: Path) -> Prepared:
             if p.is_file() and p.name != "where.txt"
         }
     )
-    special = {p.relative_to(folder): damage.applicable(p) for p in found}
+    by_kind: dict[tuple[str, bytes], list[Any]] = {}  # files that begin and end alike can be damaged alike
+    special = {}
+    for path in found:
+        alike = path.suffix, path.read_bytes()[:4]
+        if alike not in by_kind:
+            by_kind[alike] = damage.applicable(path)
+        special[path.relative_to(folder)] = by_kind[alike]
     return Prepared(subject, list(special), special)
 
 

@@ -1,5 +1,6 @@
 """Lists of images: lines led by a time stamp, in the manner of the TUM benchmark, or as other programs arrange them."""
 
+import os
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -131,6 +132,7 @@ class _Files:
     def __init__(self, listed_in: Path):
         self._folder, self._own = listed_in.parent, listed_in.stem
         self._listings: dict[Path, dict[str, Path]] = {}
+        self._there: dict[str, set[str]] = {}
 
     def named(self, text: str) -> Path:
         """The image; where it is not there, one of the same name in a folder beside the list."""
@@ -151,7 +153,21 @@ class _Files:
         return _COLUMN.match(text) is None and is_file(self.named(text))
 
     def _exact(self, names: list[str]) -> Path | None:
-        return next((self._folder / name for name in names if is_file(self._folder / name)), None)
+        for name in names:
+            folder, _, base = name.rpartition("/")
+            if base in self._plain_files(folder):
+                return self._folder / name
+        return None
+
+    def _plain_files(self, folder: str) -> set[str]:
+        """Names of the files of a folder, asked for once: lists have a million lines."""
+        if folder not in self._there:
+            try:
+                with os.scandir(os.path.join(self._folder, folder)) as found:
+                    self._there[folder] = {entry.name for entry in found if entry.is_file()}
+            except (OSError, ValueError):  # ValueError: a NUL in the name
+                self._there[folder] = set()
+        return self._there[folder]
 
     def _alike(self, parts: tuple[str, ...]) -> Path | None:
         """The image of this name, in upper or lower case, or without its suffix."""

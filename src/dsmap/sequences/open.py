@@ -24,7 +24,7 @@ from dsmap.sequences.images import asks_to_be_turned, image_size, is_depth, stor
 from dsmap.sequences.label_check import settle_labels
 from dsmap.sequences.label_maps import load_label_map
 from dsmap.sequences.redwood import is_redwood, read_redwood
-from dsmap.sequences.seven_scenes import is_rigid, is_seven_scenes, read_seven_scenes
+from dsmap.sequences.seven_scenes import are_rigid, is_seven_scenes, read_seven_scenes
 from dsmap.sequences.tum import is_tum, read_tum
 
 _LATEST_S = 1e11
@@ -149,10 +149,15 @@ def _sound(recording: Recording) -> Recording:
     entries = [entry for entry, kept in zip(recording.entries, sound, strict=True) if kept]
     if not entries:
         raise InputError(f"{recording.path}: found no frame with a time stamp that can be one, expected some")
-    odd = [e.T_world_camera is not None and not is_rigid(e.T_world_camera) for e in entries]
-    if any(odd):
-        recording.notes.append(f"{sum(odd)} of {len(odd)} poses are no rigid transforms and are left out")
-        entries = [replace(e, T_world_camera=None) if bad else e for e, bad in zip(entries, odd, strict=True)]
+    posed = [k for k, entry in enumerate(entries) if entry.T_world_camera is not None]
+    poses = [entries[k].T_world_camera for k in posed]
+    odd = [k for k, T in zip(posed, poses, strict=True) if np.shape(T) != (4, 4)]
+    if posed and not odd:
+        odd = [posed[i] for i in np.flatnonzero(~are_rigid(np.array(poses, np.float64)))]
+    if odd:
+        recording.notes.append(f"{len(odd)} of {len(posed)} poses are no rigid transforms and are left out")
+        for k in odd:
+            entries[k] = replace(entries[k], T_world_camera=None)
     return replace(recording, entries=entries)
 
 

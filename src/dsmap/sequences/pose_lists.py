@@ -12,8 +12,8 @@ from dsmap.sequences.seven_scenes import is_rigid
 from dsmap.sequences.stamps import SECONDS, Unit, unit_of
 from dsmap.sequences.text import Line, is_number, read_lines, read_text
 
-_FARTHEST_M = 1e5
-"""No camera is further from where it began."""
+_FARTHEST_M = 1e7
+"""No camera is further from where it began, not even in millimetres."""
 _QUATERNION_TOLERANCE = 0.05
 """A quaternion may be this far from unit length: files have few digits."""
 _MATRIX = (12, 16)
@@ -59,6 +59,8 @@ def _rows(path: Path, notes: list[str]) -> tuple[list[str], list[np.ndarray]]:
     rows: list[np.ndarray] = []
     bad: list[Line] = []
     lines = read_lines(path)
+    if (whole := _table(lines, order)) is not None:
+        return whole
     for line in lines:
         pose = _pose(line.words, order)
         if pose is None:
@@ -77,6 +79,21 @@ def _rows(path: Path, notes: list[str]) -> tuple[list[str], list[np.ndarray]]:
             f"(line {bad[0].number}: {bad[0].text[:60]!r})"
         )
     return words, rows
+
+
+def _table(lines: list[Line], order: list[int]) -> tuple[list[str], list[np.ndarray]] | None:
+    """The same of a file whose every line is a pose of eight numbers, at once; None where one is not."""
+    words = [line.words for line in lines]
+    if not words or any(len(row) != 8 for row in words):
+        return None
+    try:
+        poses = np.array(words, dtype=np.str_).astype(np.float64)[:, order]
+    except ValueError:
+        return None
+    far = np.abs(poses[:, :3]).max(axis=1)
+    sound = (far <= _FARTHEST_M) & (np.abs(np.linalg.norm(poses[:, 3:], axis=1) - 1) <= _QUATERNION_TOLERANCE)
+    stamps = [row[0] for row in words]
+    return (stamps, list(poses)) if sound.all() and all(map(is_number, stamps)) else None
 
 
 def _pose(words: list[str], order: list[int]) -> np.ndarray | None:

@@ -14,8 +14,8 @@ from dsmap.sequences.text import read_matrix
 FRAME_RATE = 30.0
 """7-Scenes and Redwood store no stamps; both were taken at 30 Hz."""
 _SUFFIXES = "|".join(suffix.lstrip(".") for suffix in IMAGE_SUFFIXES)
-_FARTHEST_M = 1e5
-"""No camera is further from where it began."""
+_FARTHEST_M = 1e7
+"""No camera is further from where it began, not even in millimetres."""
 _NAME = re.compile(rf"frame-(\d+)\.(color|depth)\.(?:{_SUFFIXES})$", re.IGNORECASE)
 
 
@@ -51,16 +51,18 @@ def read_seven_scenes(folder: Path) -> Recording:
     return Recording("7-scenes", folder, entries, len(found["color"]), len(found["depth"]), notes)
 
 
+def are_rigid(poses: np.ndarray) -> np.ndarray:
+    """`is_rigid` of many (N, 4, 4) arrays at once, shape (N,)."""
+    R = poses[:, :3, :3]
+    with np.errstate(all="ignore"):
+        turns = np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2)) < 1e-2  # not so for NaN
+        last = np.abs(poses[:, 3] - (0, 0, 0, 1)).max(axis=1) < 1e-3
+        return turns & last & (np.abs(poses).max(axis=(1, 2)) < _FARTHEST_M) & (np.linalg.det(R) > 0)
+
+
 def is_rigid(T: np.ndarray) -> bool:
     """Whether a (4, 4) array is finite, its rotation orthonormal (to the files' few digits), its last row 0 0 0 1."""
-    R = T[:3, :3]
-    return bool(
-        np.isfinite(T).all()
-        and np.abs(T[3] - (0, 0, 0, 1)).max() < 1e-3
-        and np.abs(T).max() < _FARTHEST_M
-        and np.abs(R @ R.T - np.eye(3)).max() < 1e-2
-        and np.linalg.det(R) > 0
-    )
+    return T.shape == (4, 4) and bool(are_rigid(T[None])[0])
 
 
 def _pose(path: Path) -> np.ndarray | None:
