@@ -115,6 +115,20 @@ def test_the_spellings_of_peoples_programs(name: str, tmp_path: Path):
 
 
 @pytest.mark.parametrize(
+    "text",
+    [
+        '"k1": 0.1, "k2": -0.2, "p1": 0.003, "p2": 0.004', '"coeffs": [0.1, -0.2, 0.003, 0.004, 0]',
+        '"distortion": {"model": "radtan", "k1": 0.1, "k2": -0.2, "p1": 0.003, "p2": 0.004}',
+        '"D": {"data": [0.1, -0.2, 0.003, 0.004]}',
+    ],
+)  # fmt: skip
+def test_distortion(text: str, tmp_path: Path):
+    (tmp_path / "a.json").write_text(json.dumps(NAMED)[:-1] + ", " + text + "}")
+    found = camera_in(tmp_path / "a.json", SIZE)
+    assert found is not None and found.distortion[:4] == (0.1, -0.2, 0.003, 0.004)
+
+
+@pytest.mark.parametrize(
     ("file", "content"),
     [
         ("a.json", "{not json"), ("a.json", "[" * 5000), ("a.json", ""), ("a.txt", "0.94 1.25 0.49 0.5"),

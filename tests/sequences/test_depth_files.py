@@ -137,3 +137,17 @@ def test_a_smaller_size_takes_the_valid_depth_in_the_cell(size: tuple[int, int])
                 assert found[y, x] == under_centre[y, x]
             else:
                 assert found[y, x] in cell[cell > 0] if cell.any() else found[y, x] == 0
+
+
+def test_turned_depth_in_plain_folders_is_turned_back_and_said(tmp_path: Path):
+    plain, folder = write_redwood(tmp_path / "plain"), write_redwood(tmp_path / "s")
+    for file in (plain / "depth").iterdir():
+        stored = cv2.imread(str(file), cv2.IMREAD_UNCHANGED)
+        stored[5, 5] = 9001  # beyond 8 m, where bits come in from above
+        cv2.imwrite(str(file), stored)
+        cv2.imwrite(str(folder / "depth" / file.name), (stored << 3) | (stored >> 13))
+    sequence = open_sequence(folder)
+    assert any("turned by three bits" in note for note in sequence.notes)
+    expected = open_sequence(plain).frame(1).depth
+    assert expected[5, 5] == pytest.approx(9.001) and np.array_equal(sequence.frame(1).depth, expected)
+    assert open_sequence(folder, depth_scale=8000).frame(1).depth[8, 8] == pytest.approx(expected[8, 8])

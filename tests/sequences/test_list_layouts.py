@@ -12,7 +12,7 @@ from dsmap.sequences import open_sequence
 from dsmap.sequences.associate import pose_vector
 from dsmap.sequences.lists import read_associations, read_image_list
 from dsmap.sequences.names import mixed_images, pair_by_name
-from dsmap.sequences.redwood import is_redwood
+from dsmap.sequences.redwood import is_redwood, read_redwood
 from dsmap.sequences.tum import poses_of
 
 COUNT = 6
@@ -161,6 +161,18 @@ def test_folders_by_their_names(colour: str, depth: str, is_one: bool, tmp_path:
     images(tmp_path, of=colour)
     images(tmp_path, of=depth)
     assert is_redwood(tmp_path) == is_one
+
+
+def test_depth_that_is_aligned_goes_before_raw_depth(tmp_path: Path):
+    """As OpenLORIS has both, each with a list."""
+    rgb, raw, aligned = (images(tmp_path, of=name) for name in ("color", "depth", "aligned_depth"))
+    for name, files in (("color", rgb), ("depth", raw), ("aligned_depth", aligned)):
+        lines = (f"{t:.6f} {name}/{f.name}\n" for t, f in zip(STAMPS, files, strict=True))
+        (tmp_path / f"{name}.txt").write_text("".join(lines))
+    assert [entry.depth for entry in read_redwood(tmp_path).entries] == aligned
+    (tmp_path / "aligned_depth.txt").unlink()
+    (tmp_path / "depth.txt").unlink()
+    assert [entry.depth for entry in read_redwood(tmp_path).entries] == aligned
 
 
 def test_one_folder_of_both_kinds_of_images(tmp_path: Path):

@@ -46,7 +46,9 @@ def main(args: Args) -> None:
     for name, text in rows:
         print(f"{name:<{width}}  {text}")
     found = [*depth_warnings(depth), *mirror_warnings(sequence), *_pose_warnings(sequence)]
-    for warning in [*sequence.notes, *found]:
+    for note in sequence.notes:
+        print(f"note: {note}")
+    for warning in found:
         print(f"warning: {warning}")
 
 

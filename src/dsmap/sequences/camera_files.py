@@ -322,6 +322,8 @@ def _distortion(own: dict[str, Any]) -> tuple[float, ...]:
         return tuple(_number(own.get(key)) or 0.0 for key in _DISTORTION)
     for key in _DISTORTIONS:
         value = own.get(key)
+        if isinstance(value, dict) and any(_number(value.get(k)) is not None for k in _DISTORTION):
+            return tuple(_number(value.get(k)) or 0.0 for k in _DISTORTION)
         found = _number_list(value.get("data") if isinstance(value, dict) else value)
         if found and 4 <= len(found) <= 5:
             return tuple(found)

@@ -32,17 +32,17 @@ COLOUR_FOLDERS = (
     "cam0",
 )
 DEPTH_FOLDERS = (
-    "depth", "depths", "depth_images", "aligned_depth", "depth_aligned", "depth_registered", "registered_depth",
-    "depth_png", "aligned_depth_to_color",
+    "aligned_depth", "depth_aligned", "aligned_depth_to_color", "depth_registered", "registered_depth", "depth",
+    "depths", "depth_images", "depth_png",
 )  # fmt: skip
-"""Names of folders of images, in lower case, those first that come first."""
+"""Names of folders of images, in lower case, those first that come first: depth that is seen from the colour camera."""
 _SAYS_COLOUR = re.compile(r"colou?r|rgb|image|img")
 _SAYS_DEPTH = re.compile(r"depth")
 _SAYS_OTHER = re.compile(
     r"depth|vis|view|map|mask|seg|label|sem|inst|normal|conf|infra|(?<![a-z])ir(?![a-z])|pred|right|fish|thumb|gray|grey"
 )
 """In the name of what is no colour image; of what is no depth image, without the depth."""
-_IN_A_NAME = re.compile(r"(?<![a-z])(?:(depth|dpt|d)|(colou?r|rgb|image|img|c))(?![a-z])")
+_IN_A_NAME = re.compile(r"(?<![a-z])(?:(depth|dpt|d)|(colou?r|rgb|image|img|frame|c))(?![a-z])")
 """Which image a file of a mixed folder is."""
 _NUMBER = re.compile(r"\d+(?:\.\d+)?")
 _SECONDS = re.compile(r"1\d{9}")

@@ -26,11 +26,14 @@ from dsmap.sequences.label_maps import load_label_map
 from dsmap.sequences.redwood import is_redwood, read_redwood
 from dsmap.sequences.seven_scenes import are_rigid, is_seven_scenes, read_seven_scenes
 from dsmap.sequences.tum import is_tum, read_tum
+from dsmap.sequences.turned_depth import is_turned, with_depth_turned_back
 
 _LATEST_S = 1e11
 """No stamp is later: seconds since 1970 are 1e9 to 1e10."""
 _ROOM_M = 30.0
 """A larger median of depth is not in metres."""
+_FOLDERS, _MILLIMETRES = ("redwood", "folders"), 1000.0
+"""Layouts of people's own programs, and the units a metre that are taken where they state none."""
 _LISTED = 5
 """Entries of a folder that an error message names."""
 
@@ -96,6 +99,11 @@ def open_sequence(
     calibration = with_depth_of(calibration, stored_size, depth_size, folder, recording.notes)
     if depth_scale is None and recording.calibration is None and calibration.source != FILE:
         calibration = _in_metres(calibration, samples, recording.notes)
+        if recording.layout in _FOLDERS and calibration.depth_scale == _MILLIMETRES and is_turned(samples):
+            recording.notes.append(
+                "assumed: depth is turned by three bits, as SUN3D's is; --depth-scale 8000 if not"
+            )
+            recording.entries = [with_depth_turned_back(entry) for entry in recording.entries]
     settle_labels(recording, load_label_map(label_map, folder), calibration.intrinsics)
     return Sequence(recording, calibration, size, _chosen(recording, start, stop, stride), undistort)
 

@@ -4,6 +4,7 @@ Redwood and Open3D leave `image/00000.jpg`, `depth/00000.png` and `trajectory.lo
 or date, or leave `associations.txt`, or `color.txt` and `depth.txt`.
 """
 
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -90,13 +91,18 @@ def _by_lists(layout: str, folder: Path, depth_time_offset_s: float) -> Recordin
     if file is not None:
         rgb, depth = read_associations(file, notes)
         return paired(layout, folder, rgb, depth, depth_time_offset_s, notes)
-    file = next(
-        (folder / f"{name}.txt" for name in COLOUR_FOLDERS if (folder / f"{name}.txt").is_file()), None
-    )
-    if file is None or not (folder / "depth.txt").is_file():
+    rgb_list, depth_list = _list_of(folder, COLOUR_FOLDERS), _list_of(folder, DEPTH_FOLDERS)
+    if rgb_list is None or depth_list is None:
         return None
-    rgb, depth = read_image_list(file, notes), read_image_list(folder / "depth.txt", notes)
+    rgb, depth = read_image_list(rgb_list, notes), read_image_list(depth_list, notes)
     return paired(layout, folder, rgb, depth, depth_time_offset_s, notes)
+
+
+def _list_of(folder: Path, names: Iterable[str]) -> Path | None:
+    """The list of the images of a kind: that of the folder which is read, else any."""
+    images = folder_of(folder, names)
+    own = [images.name] if images else []
+    return next((file for name in (*own, *names) if (file := folder / f"{name}.txt").is_file()), None)
 
 
 def _trajectory(path: Path) -> list[np.ndarray | None]:

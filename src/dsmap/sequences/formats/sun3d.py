@@ -2,7 +2,6 @@
 
 import re
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +18,8 @@ from dsmap.sequences.formats.parts import (
     rigid,
 )
 from dsmap.sequences.formats.protocol import Options, Reader
-from dsmap.sequences.images import Packed, image_size, read_stored, stored_depth
+from dsmap.sequences.images import image_size, stored_depth
+from dsmap.sequences.turned_depth import is_turned, packed
 
 _NAME = re.compile(r"\d+-(\d+)\.(?:jpg|jpeg|png)", re.IGNORECASE)
 _APART_S = 0.034
@@ -36,14 +36,8 @@ def _detect(path: Path) -> bool:
 def _read(path: Path, _options: Options) -> Recording:
     colour, depth = _stamped(path / "image"), _stamped(path / "depth")
     notes: list[str] = []
-    if _is_turned(depth):
-        depth = [
-            Stamped(
-                s.time,
-                Packed(path, f"depth/{s.image.name}", partial(_turned_back, path / "depth" / s.image.name)),
-            )
-            for s in depth
-        ]
+    if _turned(depth):
+        depth = [Stamped(s.time, packed(s.image)) for s in depth]
     else:
         notes.append("depth is in plain millimetres, not turned by three bits")
     K, size = read_matrix(path / "intrinsics.txt", 3, 3), None
@@ -79,21 +73,11 @@ def _stamped(folder: Path) -> list[Stamped]:
     return sorted(found, key=lambda s: (s.time, str(s.image)))
 
 
-def _is_turned(depth: list[Stamped]) -> bool:
-    """Whether depth below 8 m has its low three bits empty, as millimetres << 3 have."""
-    for stamped in depth[:: max(1, len(depth) // 3)]:
-        stored = stored_depth(stamped.image)
-        if stored is not None and stored.dtype == np.uint16 and stored.any():
-            return bool((stored[stored > 0].astype(np.int64) % 8 == 0).mean() > 0.9)
-    return True
-
-
-def _turned_back(path: Path) -> np.ndarray:
-    """Depth in millimetres: SUN3D's files hold it turned left by three bits (SUN3Dsfm, depthRead.m)."""
-    stored = read_stored(path)
-    if stored.dtype != np.uint16 or stored.ndim != 2:
-        raise InputError(f"{path}: found no 16-bit image of one channel, expected depth")
-    return np.right_shift(stored, 3) | np.left_shift(stored, 13)
+def _turned(depth: list[Stamped]) -> bool:
+    """Whether depth is turned as SUN3D's is; so is what cannot tell."""
+    samples = [stored_depth(stamped.image) for stamped in depth[:: max(1, len(depth) // 3)]]
+    told = [stored for stored in samples if stored is not None and stored.any()]
+    return is_turned(told) or not told
 
 
 def _extrinsics(folder: Path) -> list[np.ndarray | None]:
