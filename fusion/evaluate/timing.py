@@ -10,6 +10,7 @@ from dsmap.frame import Frame, Intrinsics
 from dsmap.fusion.config import MapConfig
 from dsmap.fusion.mapper import Mapper
 from dsmap.fusion.runs.prepare_ahead import prepare_ahead
+from dsmap.fusion.segmenter import Segmenter
 from dsmap.fusion.stage_clock import WARM_UP
 
 
@@ -54,13 +55,15 @@ def time_steps(frames: Iterable, step: Callable[..., tuple[np.ndarray, bool]]) -
     return timing
 
 
-def time_mapper(frames: Sequence[Frame], intrinsics: Intrinsics, config: MapConfig) -> Timing:
-    """Map frames without segmentation and time every frame and stage.
+def time_mapper(
+    frames: Sequence[Frame], intrinsics: Intrinsics, config: MapConfig, segmenter: Segmenter | None = None
+) -> Timing:
+    """Map frames, with labels if there is a segmenter, and time every frame and stage.
 
     A frame's time runs from the end of the one before, so that the times add up to the whole run: what is done
     beside another frame, its preparation, is in that frame's.
     """
-    mapper, timing = Mapper(config, intrinsics), Timing()
+    mapper, timing = Mapper(config, intrinsics, segmenter), Timing()
     start = time.perf_counter()
     for ready in prepare_ahead(mapper, frames):
         result = mapper.step(ready.frame, ready.maps, waited_ms=ready.waited_ms)

@@ -8,10 +8,11 @@ import pytest
 from corner_frames import FRAMES
 
 from dsmap.errors import InputError
+from dsmap.fusion.config import MapConfig
 from dsmap.fusion.evaluate.timing import Timing, time_steps
 from dsmap.sequences import SequenceWriter
-from dsmap.tools.commands.bench import Args, main, summarise
-from dsmap.tools.support.bench_worker import Request, measured, summary
+from dsmap.tools.commands.bench import Args, main, summarise, thread_counts
+from dsmap.tools.support.bench_worker import Request, map_args, measured, summary
 from dsmap.tools.twins.corner import INTRINSICS
 
 
@@ -77,16 +78,45 @@ def test_worker_maps_the_recording(recording):
 
 
 def test_command_writes_tables_and_file(recording, tmp_path, capsys):
-    args = Args(recording, runs=1, size="80x60", frames=8, threads=1, depth_max=6.0, out=tmp_path / "b.json")
+    args = Args(
+        recording, runs=1, size="80x60", frames=8, threads="1,2", depth_max=6.0, out=tmp_path / "b.json"
+    )
     assert main(args) == 0
     text = capsys.readouterr().out
-    for words in ("8 frames of 80x60, 1 threads", "frames/s", "ATE [cm]", "8/8", "preprocess", "whole frame"):
+    for words in (
+        "8 frames of 80x60, 1 threads",
+        "frames/s",
+        "ATE [cm]",
+        "8/8",
+        "preprocess",
+        "whole frame",
+        "times the first",
+    ):
         assert words in text, words
     report = json.loads((tmp_path / "b.json").read_text())
     assert len(report["runs"]["dsmap"]) == 1
     assert report["setup"]["size"] == [80, 60]
     assert report["summary"]["dsmap"]["fps"] > 0
     assert "speed_ratio" not in report["summary"]
+    assert [row["threads"] for row in report["scaling"]] == [1, 2] and report["setup"]["threads"] == 2
+    assert all(row["tracked_frames"] == 8 and row["ate_rmse_m"] < 0.02 for row in report["scaling"])
+
+
+def test_the_worker_takes_what_map_takes(recording, tmp_path):
+    preset = tmp_path / "mine.yaml"
+    preset.write_text("undistort: true\ntrack:\n  view_width: 160\nsurfels:\n  resolution: 0.004\n")
+    args = map_args(request(recording, config=str(preset), segmenter="labels"))
+    assert args.undistort and args.map.track.view_width == 160 and args.map.surfels.resolution == 0.004
+    assert args.spec.kind == "labels" and map_args(request(recording)).spec.kind == "none"
+    assert map_args(request(recording)).map.surfels == MapConfig().surfels
+    with pytest.raises(InputError, match="no such configuration"):
+        map_args(request(recording, config="nowhere"))
+
+
+@pytest.mark.parametrize("words", ["0", "two", "1,,2", "-1", "4096"])
+def test_odd_numbers_of_threads_are_refused(words):
+    with pytest.raises(InputError, match="--threads is"):
+        thread_counts(words)
 
 
 def test_bad_input(recording, tmp_path):

@@ -18,8 +18,8 @@ from dsmap.cores import usable_cores
 from dsmap.errors import InputError
 from dsmap.files import write_json
 from dsmap.ranges import Every, Range, Scale
-from dsmap.sequences import Sequence, open_sequence
-from dsmap.tools.support.bench_worker import Request
+from dsmap.sequences import Sequence
+from dsmap.tools.support.bench_worker import Request, map_args, opened
 from dsmap.tools.support.parse import parse_intrinsics, parse_size
 
 _THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "DSMAP_THREADS")
@@ -39,10 +39,17 @@ class Args:
     """Take every n-th frame."""
     runs: Annotated[int, Range(1, 1000)] = 3
     """Runs of each system; the median counts."""
-    threads: Annotated[int | None, Range(1, 1024)] = None
-    """CPU threads of each system; default: all cores."""
+    threads: str | None = None
+    """CPU threads of each system; several numbers, as 1,2,4, show how speed grows with them; default: all cores."""
+    config: str | None = None
+    """Parameters of dsmap as `dsmap map --config` takes them: a YAML file, or a name; default: its defaults."""
+    segmenter: str = "none"
+    """What labels dsmap's frames: none, dsnet (the network) or labels (the recording's own)."""
     depth_max: Annotated[float | None, Range(0, 1000, above=True)] = None
-    """Ignore farther depth [m], in both systems; default: the calibration's depth_max, else 3, Open3D's own."""
+    """Ignore farther depth [m], in both systems; default: the configuration's, else the calibration's depth_max, else
+    that of `dsmap map`, or beside Open3D 3, its own."""
+    undistort: bool = False
+    """Remove lens distortion, where the calibration has one, for both systems."""
     intrinsics: str | None = None
     """fx,fy,cx,cy of the recording's own images [px]."""
     depth_scale: Scale | None = None
@@ -55,35 +62,59 @@ class Args:
 
 def main(args: Args) -> int:
     """Run the benchmark, print its tables, write its file."""
-    for name in ("runs", "frames", "stride", "threads"):
+    for name in ("runs", "frames", "stride"):
         value = getattr(args, name)
         if value is not None and value < 1:
             raise InputError(f"--{name} is {value}; expected at least 1")
-    sequence = open_sequence(
-        args.path, intrinsics=parse_intrinsics(args.intrinsics), depth_scale=args.depth_scale,
-        size=parse_size(args.size), stride=args.stride,
-    )  # fmt: skip
+    counts = thread_counts(args.threads)
+    request = make_request(args)
+    sequence = opened(request)
+    request = dataclasses.replace(request, depth_max=depth_limit(args, request, sequence))
     systems = ["dsmap"]
     if args.peer == "open3d":
         from dsmap.tools.support.bench_peer import check_open3d
 
         check_open3d()
         systems.append("open3d")
-    request = make_request(args, sequence)
-    results: dict[str, list[dict]] = {system: [] for system in systems}
-    for turn in range(args.runs):
-        for system in systems:
-            print(f"run {turn + 1} of {args.runs}: {system} ...", file=sys.stderr, flush=True)
-            results[system].append(run_worker(dataclasses.replace(request, system=system)))
-    report = {"setup": setup(request, sequence), "runs": results, "summary": summarise(results)}
-    write_json(args.out, report)
-    print(tables(report))
+    reports = []
+    for threads in counts:
+        request = dataclasses.replace(request, threads=threads)
+        results: dict[str, list[dict]] = {system: [] for system in systems}
+        for turn in range(args.runs):
+            for system in systems:
+                print(
+                    f"run {turn + 1} of {args.runs}: {system}, {threads} threads ...",
+                    file=sys.stderr,
+                    flush=True,
+                )
+                results[system].append(run_worker(dataclasses.replace(request, system=system)))
+        report = {"setup": setup(request, sequence), "runs": results, "summary": summarise(results)}
+        reports.append(report)
+        print(tables(report))
+    written = reports[-1] | ({"scaling": scaling(reports)} if len(reports) > 1 else {})
+    write_json(args.out, written)
+    if len(reports) > 1:
+        print(scaling_table(written["scaling"]))
     print(f"written to {args.out}")
     return 0
 
 
-def make_request(args: Args, sequence: Sequence) -> Request:
-    """The run that the command line asks for."""
+def thread_counts(words: str | None) -> list[int]:
+    """The numbers of threads that a benchmark is run with.
+
+    Raises:
+        InputError: something that is no number, or no number of threads.
+    """
+    if words is None:
+        return [usable_cores()]
+    counts = [int(word) if word.strip().isdecimal() else 0 for word in str(words).split(",")]
+    if not all(1 <= count <= 1024 for count in counts):
+        raise InputError(f"--threads is {words}; expected numbers from 1 to 1024 such as 2, or 1,2,4")
+    return counts
+
+
+def make_request(args: Args) -> Request:
+    """The run that the command line asks for; its depth_max is yet to be filled in."""
     return Request(
         system="dsmap",
         path=str(args.path),
@@ -92,10 +123,21 @@ def make_request(args: Args, sequence: Sequence) -> Request:
         stride=args.stride,
         intrinsics=parse_intrinsics(args.intrinsics),
         depth_scale=args.depth_scale,
-        depth_max=args.depth_max or sequence.depth_max or 3.0,
-        threads=args.threads or usable_cores(),
+        depth_max=0.0,
+        threads=1,
         device=args.device,
+        config=args.config,
+        segmenter=args.segmenter,
+        undistort=args.undistort,
     )
+
+
+def depth_limit(args: Args, request: Request, sequence: Sequence) -> float:
+    """Depth beyond which both systems see nothing [m]."""
+    configured = map_args(request).map
+    if args.peer == "open3d" and configured.depth_max is None:
+        configured = dataclasses.replace(configured, depth_max=sequence.depth_max or 3.0)
+    return args.depth_max or configured.resolved_for(sequence).depth_range[1]
 
 
 def run_worker(request: Request) -> dict:
@@ -128,6 +170,8 @@ def setup(request: Request, sequence: Sequence) -> dict[str, Any]:
         "threads": request.threads,
         "depth_max": request.depth_max,
         "device": request.device,
+        "config": request.config,
+        "segmenter": request.segmenter,
         "machine": platform.machine(),
         "cores": os.cpu_count(),
         "python": platform.python_version(),
@@ -156,7 +200,7 @@ def tables(report: dict[str, Any]) -> str:
     first = runs["dsmap"][0]
     lines = [
         f"{made['path']}: {first['frames']} frames of {made['size'][0]}x{made['size'][1]}, "
-        f"{made['threads']} threads, depth to {made['depth_max']:g} m, no segmentation",
+        f"{made['threads']} threads, depth to {made['depth_max']:g} m, labels: {made['segmenter']}",
         "frames/s leave out decoding, resizing, compilation and the first five frames; wall frames/s do not",
         "",
         f"{'':8} {'frames/s':>9}  {'of each run':<20} {'wall frames/s':>13} {'ATE [cm]':>9} {'tracked':>9} "
@@ -182,9 +226,35 @@ def tables(report: dict[str, Any]) -> str:
     for name in first["stages_ms"]:
         mean = median(run["stages_ms"][name]["mean"] for run in runs["dsmap"])
         middle = median(run["stages_ms"][name]["median"] for run in runs["dsmap"])
-        if mean >= 0.005:  # segmentation and labels are off
+        if mean >= 0.005:  # stages that are off
             lines.append(f"{name:<16} {mean:10.2f} {middle:12.2f}")
     total = median(1000 / run["fps"] for run in runs["dsmap"])
     lines.append(f"{'whole frame':<16} {total:10.2f}")
     lines.append("preprocess: the wait for it; the work is done beside the frame before, within its time")
+    return "\n".join(lines)
+
+
+def scaling(reports: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Speed by number of threads, with what it was reached with: a row a report."""
+    rows = []
+    for report in reports:
+        mid, first = report["summary"]["dsmap"], report["runs"]["dsmap"][0]
+        row = {"threads": report["setup"]["threads"], "fps": mid["fps"], "ate_rmse_m": mid["ate_rmse_m"]}
+        row |= {"tracked_frames": first["tracked_frames"], "frames": first["frames"]}
+        row["times_the_first"] = mid["fps"] / reports[0]["summary"]["dsmap"]["fps"]
+        if "speed_ratio" in report["summary"]:
+            row["speed_ratio"] = report["summary"]["speed_ratio"]
+        rows.append(row)
+    return rows
+
+
+def scaling_table(rows: list[dict[str, Any]]) -> str:
+    """The rows of `scaling` as text."""
+    lines = ["", f"{'threads':>7} {'frames/s':>9} {'times the first':>16} {'ATE [cm]':>9} {'tracked':>9}"]
+    for row in rows:
+        ate = "-" if row["ate_rmse_m"] is None else f"{100 * row['ate_rmse_m']:.2f}"
+        tracked = f"{row['tracked_frames']}/{row['frames']}"
+        lines.append(
+            f"{row['threads']:7} {row['fps']:9.2f} {row['times_the_first']:16.2f} {ate:>9} {tracked:>9}"
+        )
     return "\n".join(lines)

@@ -16,9 +16,13 @@ import numpy as np
 
 from dsmap.errors import InputError
 from dsmap.files import write_json
-from dsmap.fusion.evaluate.timing import Timing
+from dsmap.fusion.evaluate.timing import Timing, time_mapper
 from dsmap.metrics import ate_rmse
-from dsmap.sequences import open_sequence
+from dsmap.sequences import Sequence, open_sequence
+from dsmap.tools.mapping.options import Args, with_values
+from dsmap.tools.mapping.presets import load_preset
+from dsmap.tools.mapping.segmenters import make_segmenter
+from dsmap.tools.mapping.start import torch_device
 
 
 @dataclass
@@ -36,6 +40,37 @@ class Request:
     depth_max: float
     threads: int
     device: str
+    config: str | None = None
+    """Of dsmap: as `dsmap map --config` takes it."""
+    segmenter: str = "none"
+    undistort: bool = False
+
+
+def map_args(request: Request) -> Args:
+    """What `dsmap map` would be told.
+
+    Raises:
+        InputError: no such configuration, or one with what has no place in it.
+    """
+    args = Args(Path(request.path), Path("RUN"))
+    if request.config is not None:
+        args = with_values(args, load_preset(request.config), f"--config {request.config}")
+    changes = {"undistort": request.undistort or args.undistort}
+    changes["spec"] = dataclasses.replace(args.spec, kind=request.segmenter)
+    return dataclasses.replace(args, map=dataclasses.replace(args.map, device=request.device), **changes)
+
+
+def opened(request: Request) -> Sequence:
+    """The recording, as both systems get it.
+
+    Raises:
+        InputError: it cannot be read.
+    """
+    return open_sequence(
+        request.path, intrinsics=request.intrinsics, depth_scale=request.depth_scale, size=request.size,
+        stop=None if request.frames is None else request.frames * request.stride, stride=request.stride,
+        undistort=map_args(request).undistort,
+    )  # fmt: skip
 
 
 def measured(request: Request) -> dict:
@@ -45,10 +80,7 @@ def measured(request: Request) -> dict:
         InputError: the recording cannot be read.
     """
     start = time.perf_counter()
-    sequence = open_sequence(
-        request.path, intrinsics=request.intrinsics, depth_scale=request.depth_scale, size=request.size,
-        stop=None if request.frames is None else request.frames * request.stride, stride=request.stride,
-    )  # fmt: skip
+    sequence = opened(request)
     frames = list(sequence)
     if not frames:
         raise InputError(f"{request.path}: none of its {len(sequence)} frames can be read")
@@ -57,11 +89,10 @@ def measured(request: Request) -> dict:
 
         timing = time_open3d(frames, sequence.intrinsics, sequence.depth_scale, request.depth_max)
     else:
-        from dsmap.fusion.config import MapConfig
-        from dsmap.fusion.evaluate.timing import time_mapper
-
-        config = MapConfig(device=request.device, depth_max=request.depth_max, readout_s=sequence.readout_s)
-        timing = time_mapper(frames, sequence.intrinsics, config)
+        args = map_args(request)
+        config = dataclasses.replace(args.map, depth_max=request.depth_max).resolved_for(sequence)
+        segmenter = make_segmenter(args.spec, torch_device(config.device))
+        timing = time_mapper(frames, sequence.intrinsics, config, segmenter)
     wall_s = time.perf_counter() - start
     return summary(timing, [frame.T_world_camera for frame in frames], wall_s)
 
