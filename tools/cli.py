@@ -12,7 +12,6 @@ import tyro
 import dsmap
 from dsmap.errors import InputError, InputWarning
 from dsmap.ranges import as_flag, check_ranges
-from dsmap.tools import entry
 from dsmap.tools.support.kernel_cache import make_kernel_cache_writable
 
 COMMANDS: dict[str, tuple[str, str]] = {
@@ -183,4 +182,4 @@ def _main() -> None:
 
 
 if __name__ == "__main__":
-    entry.main()
+    importlib.import_module("dsmap.tools.entry").main()  # by name: it answers signals as soon as it is loaded

@@ -1,41 +1,54 @@
 """The `dsmap` program: signals are answered from its first line on, then the command line takes over.
 
-This file imports nothing that takes time, so that there is no moment in which Ctrl-C is a traceback.
+Only the program imports this file: it answers signals as soon as it is loaded, before anything that takes time is.
 """
 
-import atexit
-import contextlib
 import os
 import signal
-import sys
-from importlib import import_module
 from types import FrameType
+from typing import Any
 
-from dsmap.stopping import STOPS, Stopped, exit_code, is_ignored, stop_printing
+
+def _end_now(number: int, frame: FrameType | None) -> None:
+    """Nothing has begun yet, or a second signal does not wait for what the first one has set going."""
+    try:
+        os.write(2, f"dsmap: stopped by {signal.Signals(number).name}\n".encode())
+    finally:
+        os._exit(128 + number)
+
+
+def _answer(handler: Any) -> None:
+    for name in ("SIGINT", "SIGTERM", "SIGHUP"):
+        number = getattr(signal, name, None)
+        shielded = name == "SIGHUP" and signal.getsignal(signal.SIGHUP) == signal.SIG_IGN  # nohup
+        if number is not None and not shielded:
+            signal.signal(number, handler)
+
+
+_answer(_end_now)
+
+import atexit  # noqa: E402
+import contextlib  # noqa: E402
+import sys  # noqa: E402
+from importlib import import_module  # noqa: E402
+
+from dsmap.stopping import Stopped, exit_code, stop_printing  # noqa: E402
 
 
 def main() -> None:
     """Run `dsmap`; a signal ends it with one line, and 128 + its number as the exit code."""
     try:
-        for number in STOPS:
-            if not is_ignored(number):
-                signal.signal(number, _stop)
+        _answer(_stop)
         import_module("dsmap.tools.cli").main()
     except KeyboardInterrupt as error:
         _end(error.number if isinstance(error, Stopped) else signal.SIGINT)
 
 
 def _stop(number: int, frame: FrameType | None) -> None:
-    for other in STOPS:  # a second signal does not wait for what the first one has set going
-        if not is_ignored(other):
-            signal.signal(other, _end_now)
+    _answer(_end_now)
     if number == getattr(signal, "SIGHUP", None):
         stop_printing()
     raise Stopped(number)
-
-
-def _end_now(number: int, frame: FrameType | None) -> None:
-    os._exit(exit_code(number))
 
 
 def _end(number: int) -> None:
