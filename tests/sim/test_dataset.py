@@ -4,6 +4,7 @@ import json
 import os
 import signal
 import threading
+from dataclasses import asdict
 from multiprocessing import active_children
 from pathlib import Path
 
@@ -11,9 +12,17 @@ import numpy as np
 import pytest
 
 from dsmap.classes import NUM_CLASSES
-from dsmap.errors import InputError
+from dsmap.errors import InputError, InputWarning
 from dsmap.sequences import open_sequence
-from dsmap.sim_scenes.recording.dataset import Task, kind_of, plan, run_local, run_ray, unfinished
+from dsmap.sim_scenes.recording.dataset import (
+    Task,
+    kind_of,
+    plan,
+    remove_partials,
+    run_local,
+    run_ray,
+    unfinished,
+)
 from dsmap.sim_scenes.recording.dataset_card import shares, write_card
 from dsmap.sim_scenes.recording.record import RenderOptions
 from dsmap.sim_scenes.rooms.build import MIX
@@ -119,3 +128,49 @@ def test_ray_renders_the_same_scenes(tmp_path: Path) -> None:
     assert contents(tmp_path / "ray" / local.folder.name) == contents(local.folder)
     with pytest.raises(InputError, match="nobody answers there"):
         run_ray([Task(tmp_path / "x", base)], "127.0.0.1:1", done.append)
+
+
+def whole_scene(folder: Path, options: RenderOptions) -> Path:
+    """What a finished scene consists of, without a picture in it."""
+    folder.mkdir(parents=True)
+    for name in ("rgb", "depth", "label", "instance", "groundtruth"):
+        lines = [f"{k}.0 {name}/{k}.png" for k in range(options.frames)]
+        (folder / f"{name}.txt").write_text("\n".join(["# heading", *lines]) + "\n")
+        for k in range(options.frames) if name != "groundtruth" else ():
+            (folder / name).mkdir(exist_ok=True)
+            (folder / name / f"{k}.png").write_text("picture")
+    for name in ("calibration.yaml", "classes.json", "mesh.ply"):
+        (folder / name).write_text("there")
+    record = {key: value for key, value in asdict(options).items() if key != "jobs"}
+    (folder / "scene.json").write_text(json.dumps({"options": record}))
+    (folder / "pixels.json").write_text(json.dumps({"frames": options.frames, "pixels": [0] * 14}))
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("damage", "words"),
+    [
+        (lambda f: (f / "calibration.yaml").unlink(), "calibration.yaml cannot be read"),
+        (lambda f: (f / "mesh.ply").write_text(""), "mesh.ply is empty"),
+        (lambda f: (f / "rgb" / "1.png").unlink(), "1.png cannot be read"),
+        (lambda f: (f / "depth" / "0.png").write_text(""), "0.png is empty"),
+        (lambda f: (f / "label.txt").write_text("0.0 label/0.png\n"), "label.txt has 1 lines for 2 frames"),
+        (lambda f: (f / "pixels.json").write_text("{"), "damaged"),
+        (lambda f: (f / "pixels.json").unlink(), "pixels.json cannot be read"),
+    ],
+)
+def test_a_scene_that_is_not_whole_is_rendered_again(tmp_path: Path, damage, words: str) -> None:
+    tasks = plan(tmp_path, TINY, 2)
+    for task in tasks:
+        whole_scene(task.folder, task.options)
+    assert unfinished(tasks) == []
+    damage(tasks[1].folder)
+    with pytest.warns(InputWarning, match=f"not whole .*{words}.*rendered again"):
+        assert unfinished(tasks) == [tasks[1]]
+
+
+def test_what_killed_workers_left_is_removed(tmp_path: Path) -> None:
+    for name in (".bedroom_000040.123.part", ".bedroom_000041.part", "bedroom_000042", ".cache"):
+        (tmp_path / name).mkdir()
+    remove_partials(tmp_path)
+    assert sorted(path.name for path in tmp_path.iterdir()) == [".cache", "bedroom_000042"]
