@@ -22,14 +22,11 @@ from dsmap.dsnet.datasets.geometry import DepthView
 from dsmap.dsnet.datasets.splits import select, validation_numbers
 from dsmap.errors import InputError
 from dsmap.frame import Intrinsics
+from dsmap.limits import MAX_MAT_BYTES, MAX_PIECE_BYTES
 from dsmap.reading import DECODER_ERRORS, check_plain, reading, reason
 from dsmap.sequences.images import clean_depth
 
 MAT_NAME = "nyu_depth_v2_labeled.mat"
-MAX_MAT_BYTES = 1 << 30
-"""Of one variable of a MATLAB file: the largest there is, labels40, has 445 MB."""
-MAX_PIECE_BYTES = 1 << 28
-"""Of one image of an HDF5 file, and of what it unpacks at once."""
 _MAT_PACKED = 15
 """miCOMPRESSED: a variable of a MATLAB file that is packed by zlib."""
 _COLOUR_CAMERA = DepthView(Intrinsics(640, 480, 518.9, 519.5, 325.6, 253.7))

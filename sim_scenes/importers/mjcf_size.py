@@ -4,11 +4,8 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from dsmap.errors import InputError
+from dsmap.limits import MAX_IMAGE_PIXELS, MAX_MODEL_ELEMENTS
 
-MAX_ELEMENTS = 200_000
-"""Elements of a model, those that `replicate`, `composite` and `flexcomp` make included."""
-MAX_TEXELS = 1 << 26
-"""Of a texture that is computed, or of a height field."""
 MAX_FILES = 200
 """Files that a model includes."""
 MAX_TEXT_BYTES = 1 << 26
@@ -25,8 +22,8 @@ def check_size(path: Path) -> None:
     """
     seen: list[Path] = []
     total = _count(path, 1, seen, path)
-    if total > MAX_ELEMENTS:
-        raise InputError(f"{path}: unfolds to {total:,} elements, expected at most {MAX_ELEMENTS:,}")
+    if total > MAX_MODEL_ELEMENTS:
+        raise InputError(f"{path}: unfolds to {total:,} elements, expected at most {MAX_MODEL_ELEMENTS:,}")
 
 
 def _count(file: Path, times: int, seen: list[Path], model: Path) -> int:
@@ -49,7 +46,7 @@ def _count(file: Path, times: int, seen: list[Path], model: Path) -> int:
         if element.tag == "include" and element.get("file"):
             total += _count(_included(file, model, str(element.get("file"))), count, seen, model)
         count *= _copies(element, model)
-        if total > MAX_ELEMENTS or count > MAX_ELEMENTS:
+        if total > MAX_MODEL_ELEMENTS or count > MAX_MODEL_ELEMENTS:
             return max(total, count)
         total += count if element.tag in ("composite", "flexcomp") else 0
         stack += [(child, count) for child in element]
@@ -85,9 +82,11 @@ def _check_element(element: ElementTree.Element, model: Path) -> None:
         texels = product("width", "height") * (1 if element.get("type") == "2d" else 6)
     elif element.tag == "hfield":
         texels = product("nrow", "ncol")
-    if texels > MAX_TEXELS:
+    if texels > MAX_IMAGE_PIXELS:
         name = element.get("name", element.tag)
-        raise InputError(f"{model}: {name!r} asks for {texels:,.0f} texels, expected at most {MAX_TEXELS:,}")
+        raise InputError(
+            f"{model}: {name!r} asks for {texels:,.0f} texels, expected at most {MAX_IMAGE_PIXELS:,}"
+        )
     if element.tag == "size":
         _check_arena(element, model)
 

@@ -14,3 +14,11 @@ MAX_VALUES = 200_000
 """Values of a YAML file, aliases counted where they stand."""
 MAX_DEPTH = 60
 """Levels of nested lists and mappings in YAML and JSON."""
+MAX_ARRAY_BYTES = 1 << 28
+"""Of the NumPy arrays of one image file, unpacked: 67 million floats."""
+MAX_MAT_BYTES = 1 << 30
+"""Of one variable of a MATLAB file: the largest there is, labels40 of NYUv2, has 445 MB."""
+MAX_PIECE_BYTES = 1 << 28
+"""Of one image of an HDF5 file, and of what it unpacks at once."""
+MAX_MODEL_ELEMENTS = 200_000
+"""Of a MuJoCo model, those that `replicate`, `composite` and `flexcomp` make included."""

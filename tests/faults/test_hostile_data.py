@@ -18,7 +18,8 @@ from dsmap.files import write_yaml
 from dsmap.fusion.mapper import Mapper
 from dsmap.fusion.runs.checkpoint import save_map
 from dsmap.fusion.runs.read_run import load_run
-from dsmap.sequences.arrays import MAX_ARRAY_BYTES, read_array
+from dsmap.limits import MAX_ARRAY_BYTES, MAX_MAT_BYTES, MAX_MODEL_ELEMENTS, MAX_PIECE_BYTES
+from dsmap.sequences.arrays import read_array
 from dsmap.tools.cli import run
 from dsmap.tools.commands.evaluate import Args, segmenter_of
 from dsmap.tools.mapping.segmenters import SegmenterSpec, make_segmenter
@@ -77,7 +78,7 @@ def test_the_command_line_does(trap, tmp_path):
 
 def test_hdf5_arrays_elsewhere_are_not_read(tmp_path):
     h5py = pytest.importorskip("h5py")
-    from dsmap.dsnet.datasets.nyuv2 import MAX_PIECE_BYTES, dataset_of
+    from dsmap.dsnet.datasets.nyuv2 import dataset_of
 
     (tmp_path / "secret").write_bytes(b"secret" * 100)
     with h5py.File(tmp_path / "other.mat", "w") as file:
@@ -104,7 +105,7 @@ def test_hdf5_arrays_elsewhere_are_not_read(tmp_path):
 
 
 def test_matlab_variables_are_bounded_before_they_are_unpacked(tmp_path):
-    from dsmap.dsnet.datasets.nyuv2 import MAX_MAT_BYTES, read_mat
+    from dsmap.dsnet.datasets.nyuv2 import read_mat
 
     path = tmp_path / "a.mat"
     scipy.io.savemat(path, {"x": np.arange(5)}, do_compression=True)
@@ -143,7 +144,7 @@ def test_arrays_are_bounded_by_their_headers():
 
 
 def test_a_model_is_counted_before_it_is_built(tmp_path):
-    from dsmap.sim_scenes.importers.mjcf_size import MAX_ELEMENTS, check_size
+    from dsmap.sim_scenes.importers.mjcf_size import check_size
 
     def model(body: str, more: str = "") -> Path:
         path = tmp_path / "model.xml"
@@ -159,8 +160,8 @@ def test_a_model_is_counted_before_it_is_built(tmp_path):
     (tmp_path / "loop.xml").write_text('<mujoco><include file="loop.xml"/></mujoco>')
     texture = '<asset><texture name="t" type="2d" builtin="flat" width="100000" height="100000"/></asset>'
     for body, more, words in [
-        (nested, "", f"expected at most {MAX_ELEMENTS:,}"),
-        (f'<replicate count="1e300">{geom}</replicate>', "", f"at most {MAX_ELEMENTS:,}"),
+        (nested, "", f"expected at most {MAX_MODEL_ELEMENTS:,}"),
+        (f'<replicate count="1e300">{geom}</replicate>', "", f"at most {MAX_MODEL_ELEMENTS:,}"),
         (f'<replicate count="999">{geom * 300}</replicate>', "", "unfolds to"),
         ('<replicate count="99"><include file="part.xml"/></replicate>', "", "unfolds to"),
         ('<include file="loop.xml"/>', "", "includes more than"),

@@ -10,10 +10,9 @@ from typing import IO
 import numpy as np
 
 from dsmap.errors import InputError
+from dsmap.limits import MAX_ARRAY_BYTES
 from dsmap.sequences.extra import optional_library
 
-MAX_ARRAY_BYTES = 1 << 28
-"""Of the arrays of one file, unpacked: 67 million floats, far beyond any depth camera."""
 _NUMPY = (b"\x93NUMPY", b"PK\x03\x04")
 _EXR = b"\x76\x2f\x31\x01"
 _DEPTH_CHANNELS = ("Z", "depth", "Y", "V", "R")
