@@ -76,7 +76,11 @@ def seen_instances(sequence: Sequence, up: np.ndarray, depth_max: float, stride:
 
 
 def match_boxes(scene: SceneObjects, instances: list[Instance]) -> list[tuple[int, float, bool]]:
-    """(class, score, right) of every thing: right where its box is the best unclaimed one of its class, best first."""
+    """(class, score, right) of every thing: right where its box is the best unclaimed one of its class, best first.
+
+    Things too small to be asked for are no answers, unless they are right.
+    """
+    cells = np.bincount(scene.owner, minlength=len(scene.things) + 1)
     free = {instance.id for instance in instances}
     answers = []
     for thing in sorted(scene.things, key=lambda t: -t.score):
@@ -87,7 +91,8 @@ def match_boxes(scene: SceneObjects, instances: list[Instance]) -> list[tuple[in
                 if common >= best:
                     best, home = common, one.id
         free.discard(home or 0)
-        answers.append((thing.label, thing.score, home is not None))
+        if home is not None or cells[thing.id] >= _LEAST:
+            answers.append((thing.label, thing.score, home is not None))
     return answers
 
 

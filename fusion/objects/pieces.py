@@ -6,12 +6,11 @@ from dsmap.classes import CLASS_NAMES
 from dsmap.fusion.objects.boxes import Box, fit_box
 from dsmap.fusion.objects.segments import Cells
 
-_MARGIN = 0.1
-"""A piece of a thing lies over its ground, or within this of it [m]..."""
+_MARGINS = {"bed": 0.6, "chair": 0.1, "furniture": 0.1, "sofa": 0.1, "table": 0.1}
+"""Classes with legs, backs and rungs; pieces of others have to touch. A piece of a thing lies over its ground, or within
+this of it [m] (pillows hide what joins a bed to its head)..."""
 _INSIDE = 0.6
 """... with this share of its cells."""
-_LEGGED = ("bed", "chair", "furniture", "sofa", "table")
-"""Classes with legs, backs and rungs; pieces of others have to touch."""
 _HIGHEST = 1.3
 """Of a thing with legs, from its lowest piece to its highest [m]."""
 _LEAST = 12
@@ -26,7 +25,7 @@ def join_pieces(cells: Cells, group: np.ndarray, labels: np.ndarray, up: np.ndar
         labels: class of each cell, shape (C,).
     """
     group = group.copy()
-    for name in _LEGGED:
+    for name, margin in _MARGINS.items():
         here = (labels == CLASS_NAMES.index(name)) & (group >= 0)
         if not here.any():
             continue
@@ -34,7 +33,7 @@ def join_pieces(cells: Cells, group: np.ndarray, labels: np.ndarray, up: np.ndar
         larger: list[tuple[int, Box]] = []
         for number in numbers[np.argsort(-counts, kind="stable")].tolist():
             points = cells.position[here & (group == number)]
-            home = next((n for n, box in larger if _belongs(points, box, up)), None)
+            home = next((n for n, box in larger if _belongs(points, box, margin)), None)
             if home is None:
                 if len(points) >= _LEAST:
                     larger.append((number, fit_box(points, up)))
@@ -45,9 +44,9 @@ def join_pieces(cells: Cells, group: np.ndarray, labels: np.ndarray, up: np.ndar
     return group
 
 
-def _belongs(points: np.ndarray, box: Box, up: np.ndarray) -> bool:
+def _belongs(points: np.ndarray, box: Box, margin: float) -> bool:
     local = (points - box.T_world_box[:3, 3]) @ box.T_world_box[:3, :3]
-    over = (np.abs(local[:, :2]) < box.extent[:2] / 2 + _MARGIN).all(axis=1)
+    over = (np.abs(local[:, :2]) < box.extent[:2] / 2 + margin).all(axis=1)
     heights = local[:, 2]
     half = box.extent[2] / 2
     tall = max(heights.max(), half) - min(heights.min(), -half)
