@@ -7,8 +7,8 @@ from dsmap.fusion.objects.boxes import Box, fit_box
 from dsmap.fusion.objects.segments import Cells
 
 _MARGINS = {"bed": 0.6, "chair": 0.1, "furniture": 0.1, "sofa": 0.1, "table": 0.1}
-"""Classes with legs, backs and rungs; pieces of others have to touch. A piece of a thing lies over its ground, or within
-this of it [m] (pillows hide what joins a bed to its head)..."""
+"""Classes with legs, backs and rungs; pieces of others have to touch. A piece of a thing lies over its ground, or
+within this of it [m] (pillows hide what joins a bed to its head)..."""
 _INSIDE = 0.6
 """... with this share of its cells."""
 _HIGHEST = 1.3

@@ -9,6 +9,7 @@ import numpy as np
 from dsmap.files import write_yaml
 from dsmap.fusion.config import CrfConfig, SegmentConfig
 from dsmap.fusion.exports.ply import read_ply, up_of_ply, write_ply
+from dsmap.fusion.mapper import Mapper
 from dsmap.fusion.objects.crf import refine_by_crf
 from dsmap.fusion.objects.files import write_objects
 from dsmap.fusion.objects.pooling import pool_probabilities, set_probabilities
@@ -45,6 +46,13 @@ def by_crf(config: CrfConfig) -> Refined:
         return refine_by_crf(surfels.numpy(), probabilities, config, surfels.device)
 
     return refine
+
+
+def refine_map(mapper: Mapper, refine: Refined) -> None:
+    """Refine the labels of a mapper's map where it is."""
+    labels = mapper.config.labels
+    refined, there = refine(mapper.surfels, mapper.probabilities())
+    set_probabilities(mapper.surfels, refined, there, labels.rule, labels.temperature)
 
 
 def refine_run(run: SavedRun, out: Path, refine: Refined, settings: dict) -> SceneObjects:

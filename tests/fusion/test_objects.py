@@ -216,3 +216,14 @@ def test_a_refined_run_is_a_run(method, tmp_path):
     assert json.loads((tmp_path / "out" / "objects.json").read_text())["structure"]
     assert run("refine", argv) == 2, "the folder is not empty"
     assert run("refine", [*argv[:2], argv[0]]) == 2, "the run itself"
+
+
+def test_map_refines_at_its_end(tmp_path):
+    path = corner_frames.record(tmp_path / "recording")
+    argv = [str(path), "--segmenter", "labels", "--label-noise", "0.2", "--poses", "given", "--no-pictures"]
+    for refine in ("none", "crf"):
+        assert run("map", [*argv, "--out", str(tmp_path / refine), "--refine", refine]) == 0
+    before, after = (load_run(tmp_path / refine).surfels.numpy() for refine in ("none", "crf"))
+    np.testing.assert_array_equal(before["position"], after["position"])
+    assert (before["label"] != after["label"]).any()
+    assert json.loads((tmp_path / "crf" / "objects.json").read_text())["structure"]

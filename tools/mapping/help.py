@@ -30,8 +30,8 @@ FIRST = (
 """What people use first."""
 GROUPS = {
     "the run": (
-        *("overwrite", "checkpoint_every", "localize_in", "extend", "save_probabilities", "objects"),
-        *("pictures", "write_config"),
+        *("overwrite", "checkpoint_every", "localize_in", "extend", "save_probabilities", "refine"),
+        *("objects", "pictures", "write_config"),
     ),
     "the recording": (
         *("start", "stop", "stride", "depth_min", "intrinsics", "depth_scale", "undistort", "readout_s"),

@@ -5,7 +5,7 @@ import typing
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import tyro
 
@@ -42,6 +42,8 @@ class Args:
     """With --localize-in: go on mapping in it; the result is written to --out."""
     save_probabilities: bool = False
     """Add the 13 class probabilities to map.ply."""
+    refine: Literal["none", "segments", "crf"] = "none"
+    """Let the labels agree with the shape of the map once all frames are mapped, as `dsmap refine --method` does."""
     objects: bool = True
     """Write objects.json and scene_graph.json, the things of the map with boxes."""
     pictures: bool = True

@@ -7,9 +7,11 @@ from typing import Any
 import numpy as np
 
 from dsmap.files import all_that_fits, write_json, write_yaml
+from dsmap.fusion.config import CrfConfig, SegmentConfig
 from dsmap.fusion.labels.segment import segment_later
 from dsmap.fusion.objects.files import OBJECTS, read_boxes
 from dsmap.fusion.runs.map_recording import RunState
+from dsmap.fusion.runs.refine import by_crf, by_segments, refine_map
 from dsmap.fusion.runs.run_folder import config_values, save_run, statistics
 from dsmap.sequences import Sequence
 from dsmap.tools.mapping.options import Args
@@ -21,6 +23,10 @@ def write_run(args: Args, state: RunState, sequence: Sequence) -> None:
     Raises:
         WriteError: after all that could be written was; names what was not.
     """
+    if args.refine != "none" and state.done == len(sequence) and not state.mapper.model.frozen:
+        refine_map(
+            state.mapper, by_segments(SegmentConfig()) if args.refine == "segments" else by_crf(CrfConfig())
+        )
     k = sequence.intrinsics
     values: dict[str, Any] = {
         "sequence": {
@@ -35,6 +41,7 @@ def write_run(args: Args, state: RunState, sequence: Sequence) -> None:
         "localize_in": None if args.localize_in is None else str(args.localize_in),
         "map": config_values(state.mapper),
         "segmenter": dataclasses.asdict(args.spec),
+        "refine": args.refine,
     }  # fmt: skip
     stats = statistics(state.mapper, len(state.skipped), state.wall_s)
     with all_that_fits(args.out) as attempt:

@@ -26,6 +26,7 @@ _NOT_STATED = {
         "stop",
         "pictures",
         "objects",
+        "refine",
         "save_probabilities",
     ),  # where and how much, not what
     *("weights", "label_noise", "label_noise_kind", "seed", "intrinsics", "depth_scale"),  # of one recording
