@@ -1,4 +1,4 @@
-"""Corner sofas, armchairs and day beds beside the sofa of `furniture`, and what is thrown over them."""
+"""Sofas, corner sofas, armchairs and day beds, and what is thrown over them."""
 
 import numpy as np
 

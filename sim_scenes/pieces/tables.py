@@ -1,4 +1,4 @@
-"""Desks, dining tables, consoles and small tables beside the plain ones of `furniture` (class table)."""
+"""Desks, dining tables, consoles and small tables and what stands on their legs (class table)."""
 
 import numpy as np
 
