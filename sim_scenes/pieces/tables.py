@@ -1,4 +1,4 @@
-"""Desks, dining tables, consoles and small tables and what stands on their legs (class table)."""
+"""Tables: plain and round ones, desks, consoles, low and small ones (class table)."""
 
 import numpy as np
 
