@@ -22,7 +22,7 @@ from tqdm import tqdm
 from dsmap.dsnet.checkpoint import load_weights, record_of
 from dsmap.dsnet.config import AugmentConfig, NetConfig, TrainConfig
 from dsmap.dsnet.data import LabelledImages, class_weights, drawn_shares
-from dsmap.dsnet.datasets.registry import open_sets
+from dsmap.dsnet.datasets.registry import open_set, open_sets
 from dsmap.dsnet.networks.dsnet import to_input
 from dsmap.dsnet.training.distil import Teacher, soft_loss
 from dsmap.dsnet.training.log import Log
@@ -53,7 +53,6 @@ def train(
     log: bool = False,
     notes: dict | None = None,
     label_map: str | None = None,
-    calibrate: Sequence[Path] = (),
 ) -> dict:
     """Train a network; `out` gets `best.safetensors` (calibrated), `model-card.md`, `checkpoint.safetensors`,
     `history.json`. Under torchrun, every process takes its share of each batch (see `ranks`).
@@ -67,8 +66,7 @@ def train(
         workers: processes that prepare images; 0: this one.
         log: write TensorBoard events to `out`/log, if the library is there.
         notes: what else the weights' header shall say (command, licence).
-        label_map: how the label images of all sets are read (see `open_set`).
-        calibrate: data sets that the temperature is fitted on; (): `val`.
+        label_map: how the label images of both are read (see `open_set`).
 
     Returns:
         the record of the best validation: step, class_avg, miou, pixel_acc, temperature, ...
@@ -97,12 +95,7 @@ def train(
             return ranks.of_first(None)
         about = {"data": [str(path) for path in data], "val": str(val), "stages": earlier_stages(init)}
         about |= pace(state, config, ranks)
-        worlds = held_back
-        if calibrate:
-            about["calibrated_on"] = [str(path) for path in calibrate]
-            worlds = read_set(calibrate, images.class_names, with_geometry, progress, label_map)
-        about = {**run, **about, **(notes or {})}
-        return ranks.of_first(finish(out, held_back, worlds, about, ranks.device))
+        return ranks.of_first(finish(out, held_back, {**run, **about, **(notes or {})}, ranks.device))
 
 
 @dataclass(frozen=True)
@@ -215,29 +208,13 @@ def read_data(
     Raises:
         InputError: damaged or missing data, other classes in one than in the other.
     """
-    images = read_set(data, None, with_geometry, progress, label_map)
-    return images, read_set((val,), images.class_names, with_geometry, progress, label_map)
-
-
-def read_set(
-    paths: Sequence[Path],
-    class_names: tuple[str, ...] | None,
-    with_geometry: bool,
-    progress: bool,
-    label_map: str | None = None,
-) -> LabelledImages:
-    """Data sets as one, in memory.
-
-    Args:
-        class_names: that they must have; None: any.
-
-    Raises:
-        InputError: damaged or missing data, other classes.
-    """
-    part = open_sets(paths, label_map)
-    if class_names not in (None, part.class_names):
-        raise InputError(f"{paths[0]}: its classes are not those of the training data, expected the same")
-    return LabelledImages(part, with_geometry=with_geometry, progress=progress)
+    parts = open_sets(data, label_map), open_set(val, label_map)
+    if parts[0].class_names != parts[1].class_names:
+        raise InputError(f"{val}: its classes are not those of {data[0]}, expected the same classes")
+    images, held_back = (
+        LabelledImages(part, with_geometry=with_geometry, progress=progress) for part in parts
+    )
+    return images, held_back
 
 
 def pace(state: State, config: TrainConfig, ranks: Ranks) -> dict:

@@ -82,13 +82,13 @@ def validate(
     written_or_warned("history.json", _GOES_ON, write_json, out / "history.json", state.history)
 
 
-def finish(out: Path, data: LabelledImages, worlds: LabelledImages, run: dict, device: str) -> dict:
-    """Calibrate the best weights on `worlds`, score them on `data`, write them back with what they are made of."""
+def finish(out: Path, data: LabelledImages, run: dict, device: str) -> dict:
+    """Calibrate the best weights and write them back with what they are made of."""
     path = out / "best.safetensors"
     model, info = load_weights(path, data.class_names)
     info.temperature = 1.0
     segmenter = DSNetSegmenter(copy.deepcopy(model), info, device)  # folded: a copy
-    info.temperature = fit_temperature(segmenter, worlds)
+    info.temperature = fit_temperature(segmenter, data)
     scores = score(segmenter, data, calibration=True)
     info.notes = {
         **run,

@@ -201,20 +201,6 @@ def test_temperature_undoes_a_known_scaling(images):
     assert abs(fit_temperature(fake, data) - 3) < 0.15
 
 
-def test_the_temperature_is_fitted_on_the_sets_that_are_named(images, tmp_path, monkeypatch):
-    seen = []
-
-    def fitted_on(segmenter, data):
-        seen.append(len(data))
-        return 2.0
-
-    monkeypatch.setattr("dsmap.dsnet.training.validate.fit_temperature", fitted_on)
-    config = dataclasses.replace(CONFIG, steps=2, validate_every=2)
-    alone = run(images, tmp_path / "alone", config)
-    both = run(images, tmp_path / "both", config, calibrate=[images, images])
-    assert seen == [8, 16] and alone["temperature"] == both["temperature"] == 2.0
-
-
 def test_score_matches_a_hand_count(images):
     model = DSNet(TINY).eval()
     segmenter = DSNetSegmenter(model, WeightsInfo(TINY, size=(64, 64)))

@@ -26,9 +26,6 @@ class Args:
     NYUv2 (its .mat file), SUN RGB-D, ScanNet frames, PASCAL VOC, SBD. All of the same classes."""
     val: Path | None = None
     """Data set to validate with, PATH or PATH@SPLIT: other rooms than those of `data`."""
-    calibrate: tuple[Path, ...] = ()
-    """Data sets that the temperature is fitted on, every image alike; default: `val`. Several worlds in it make the
-    probabilities honest in each of them."""
     label_map: str | None = None
     """Which classes the label images of `data` and `val` hold, if not the 13: nyu40, scannet, or a file of ids, names
     or colours (docs/guide/labels.md)."""
@@ -98,7 +95,6 @@ def run_stage(args: Args) -> dict:
         log=args.log,
         notes=notes,
         label_map=args.label_map,
-        calibrate=args.calibrate,
     )
 
 
