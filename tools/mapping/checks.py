@@ -66,6 +66,8 @@ def verdict(state: RunState, sequence: Sequence) -> int:
     what = "nothing was mapped" if nothing else f"only {tracked} of {total} frames were mapped"
     # The second frame is lost for what the first one did to the map: advice goes by the reason alone.
     advice = next((text for part, text in _ADVICE.items() if part in reason), _USUAL_ADVICE)
+    if len(state.skipped) >= total:
+        advice = "no frame of it can be read"
     where = f": the first lost frame is {index} ({reason})" if reason else ""
     print(f"dsmap map: {sequence.path}: {what}{where}; {advice}", file=sys.stderr)
     return NO_MAP if nothing else 0
