@@ -22,7 +22,7 @@ from dsmap.dsnet.networks.dsnet import DSNet  # noqa: E402
 from dsmap.dsnet.scoring.measure import fit_temperature, score  # noqa: E402
 from dsmap.dsnet.training import train as training  # noqa: E402
 from dsmap.dsnet.training.processes import Ranks  # noqa: E402
-from dsmap.errors import InputError  # noqa: E402
+from dsmap.errors import InputError, InputWarning, WriteError  # noqa: E402
 from dsmap.frame import Frame, Intrinsics  # noqa: E402
 from dsmap.sequences import SequenceWriter  # noqa: E402
 from dsmap.tools import cli  # noqa: E402
@@ -89,6 +89,18 @@ def test_a_run_is_not_overwritten_nor_continued_with_other_settings(images, tmp_
     shutil.copy(tmp_path / "run" / "best.safetensors", checkpoint)
     with pytest.raises(InputError, match=r"'dsmap.dsnet/2'; expected 'dsmap.dsnet.training/2'"):
         run(images, tmp_path / "run", short, resume=True)
+
+
+def test_a_full_disk_is_warned_of_and_training_goes_on(images, tmp_path, monkeypatch):
+    def full(*args):
+        raise WriteError("cannot write it: No space left on device")
+
+    monkeypatch.setattr(training, "save_checkpoint", full)
+    short = dataclasses.replace(CONFIG, steps=2, validate_every=2)
+    with pytest.warns(InputWarning, match="no checkpoint after step 2 .*No space left.*training goes on"):
+        run(images, tmp_path / "run", short)
+    assert not (tmp_path / "run" / "checkpoint.safetensors").exists()
+    load_weights(tmp_path / "run" / "best.safetensors")
 
 
 def test_fine_tuning_starts_from_the_given_weights(images, tmp_path):

@@ -2,10 +2,13 @@
 
 import base64
 import contextlib
+import functools
+import http.server
 import json
 import shutil
 import socket
 import subprocess
+import threading
 import time
 import urllib.error
 import urllib.request
@@ -187,6 +190,49 @@ def test_the_viewer_lets_in_who_has_its_address_and_nobody_else(run_dir, monkeyp
     finally:
         viewer.server.stop()
     assert not shared, "a page can open no public tunnel"
+
+
+_FOREIGN = """<body>waiting<script>
+const addresses = %s;
+const said = [];
+addresses.forEach((address, k) => {
+    const socket = new WebSocket(address, "viser-v%s");
+    const note = (what) => { if (!said[k]) { said[k] = what; }
+        if (said.filter(Boolean).length == addresses.length) document.body.innerText = "answers: " + said.join(" "); };
+    socket.onopen = () => note("open");
+    socket.onmessage = () => note("map");
+    socket.onerror = () => note("refused");
+});
+</script></body>"""
+
+
+@pytest.mark.slow
+def test_a_page_of_foreign_origin_gets_nothing(run_dir, tmp_path):
+    """Even one that knows the secret, in a real browser, under both names of this machine."""
+    chromium = shutil.which("chromium") or shutil.which("google-chrome")
+    if chromium is None:
+        pytest.skip("no chromium on this machine (Debian: apt-get install chromium)")
+    viser = pytest.importorskip("viser")
+    from dsmap.tools.support.viewer import Cloud, MapViewer
+
+    arrays, poses, _ = read_run(run_dir)
+    viewer = MapViewer(Cloud(arrays, 1000), poses, 0, "127.0.0.1", _free_port(), "test")
+    port, secret = viewer.server.get_port(), viewer.guard.token
+    hosts = [f"ws://localhost:{port}", f"ws://127.0.0.1:{port}"]
+    addresses = [f"{host}/{path}" for host in hosts for path in ("", secret)]
+    (tmp_path / "site").mkdir()
+    (tmp_path / "site" / "index.html").write_text(_FOREIGN % (json.dumps(addresses), viser.__version__))
+    handler = functools.partial(http.server.SimpleHTTPRequestHandler, directory=tmp_path / "site")
+    site = http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler)
+    threading.Thread(target=site.serve_forever, daemon=True).start()
+    try:
+        with _browser(chromium, tmp_path, f"http://localhost:{site.server_port}/") as page:
+            assert _wait(lambda: t if "answers" in (t := page.text()) else None) == "answers: " + " ".join(
+                ["refused"] * 4
+            )
+    finally:
+        site.shutdown()
+        viewer.server.stop()
 
 
 class Page:
