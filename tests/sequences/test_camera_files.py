@@ -162,6 +162,14 @@ def test_places_of_a_camera(place: str, tmp_path: Path):
     assert (sequence.intrinsics, sequence.intrinsics_source) == (FOUND, place)
 
 
+def test_extrinsics_beside_intrinsics_are_no_camera(tmp_path: Path):
+    folder = write_redwood(tmp_path / "s")
+    (folder / "intrinsic").mkdir()
+    (folder / "intrinsic/extrinsic_color.txt").write_text("600 0 0 0 0 600 0 0 0 0 1 0 0 0 0 1")
+    (folder / "intrinsic/intrinsic_color.txt").write_text("61.5 0 30.25 0 0 62.5 24.5 0 0 0 1 0 0 0 0 1")
+    assert open_sequence(folder).intrinsics == FOUND
+
+
 def test_a_camera_above_several_recordings(tmp_path: Path):
     (tmp_path / "camera-intrinsics.txt").write_text("61.5 0 30.25\n0 62.5 24.5\n0 0 1\n")
     sequence = open_sequence(write_seven_scenes(tmp_path / "seq-01"))

@@ -151,6 +151,7 @@ def _candidates(folder: Path) -> Iterator[Path]:
     images = folder_of(folder, COLOUR_FOLDERS)
     for place in (*(folder / name for name in _FOLDERS), *([images] if images else [])):
         named = [f for f in _files(place) if place != images or _says_camera(f)]
+        named = [f for f in named if "extrinsic" not in f.name.lower()]
         # of the colour camera, and of none before the depth camera
         yield from sorted(named, key=lambda f: ("color" not in f.name, "depth" in f.name, f.name))[:1]
     rest = [

@@ -133,7 +133,7 @@ def _read(folder: Path, stored: Calibration | None, options: Options) -> Recordi
     names = sorted(entry.name + ("/" if entry.is_dir() else "") for entry in folder.iterdir())
     more = f" and {len(names) - _LISTED} more" if len(names) > _LISTED else ""
     found = ", ".join(names[:_LISTED]) + more if names else "an empty folder"
-    inner = [child for child in sorted(folder.iterdir()) if child.is_dir() and is_recording(child)]
+    inner = [child for child in sorted(folder.iterdir()) if is_archive(child) or is_recording(child)]
     hint = f"; {inner[0]} is a recording" if inner else ""
     raise InputError(
         f"{folder}: not a recording; looked for rgb.txt and depth.txt (TUM), frame-*.depth.png (7-Scenes), "

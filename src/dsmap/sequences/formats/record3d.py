@@ -28,13 +28,14 @@ def _detect(path: Path) -> bool:
 
 def _read(path: Path, _options: Options) -> Recording:
     optional_library("liblzfse", path, "Record3D's depth")
-    names, metadata = _names(path), _metadata(path)
-    found = {suffix: _numbers(names, suffix) for suffix in (".jpg", ".png", ".depth", ".conf")}
+    members = _Members(path)
+    metadata = _metadata(members)
+    found = {suffix: _numbers(members.names, suffix) for suffix in (".jpg", ".png", ".depth", ".conf")}
     pictures = found[".jpg"] or found[".png"]
-    colour = {n: Packed(path, name, partial(_member, path, name)) for n, name in pictures.items()}
+    colour = {n: Packed(path, name, partial(members.read, name)) for n, name in pictures.items()}
     calibration, (width, height) = _calibration(path, metadata)
     depth = {
-        n: Packed(path, name, partial(_depth, path, name, found[".conf"].get(n), (width, height)))
+        n: Packed(path, name, partial(_depth, members, name, found[".conf"].get(n), (width, height)))
         for n, name in found[".depth"].items()
     }
     stamps = [float(t) for t in metadata.get("frameTimestamps") or []]
@@ -49,16 +50,34 @@ def _read(path: Path, _options: Options) -> Recording:
 READER = Reader("record3d", _detect, _read)
 
 
-def _names(path: Path) -> list[str]:
-    if path.is_dir():
-        return [f"rgbd/{file.name}" for file in (path / "rgbd").iterdir()]
-    try:
-        with zipfile.ZipFile(path) as archive:
-            return archive.namelist()
-    except (zipfile.BadZipFile, OSError) as error:
-        raise InputError(
-            f"{path}: found a file that is no whole zip ({error}), expected Record3D's .r3d"
-        ) from error
+class _Members:
+    """The files of a `.r3d`, or of the folder that it was unpacked into. May be read from several threads."""
+
+    def __init__(self, path: Path):
+        """Read the directory of the zip once: it has three entries a frame. Raises InputError: no whole zip."""
+        self.path = path
+        self._archive: zipfile.ZipFile | None = None
+        if path.is_dir():
+            self.names = [f"rgbd/{file.name}" for file in (path / "rgbd").iterdir()]
+            return
+        try:
+            self._archive = zipfile.ZipFile(path)
+        except (zipfile.BadZipFile, OSError) as error:
+            raise InputError(
+                f"{path}: found a file that is no whole zip ({error}), expected Record3D's .r3d"
+            ) from error
+        self.names = self._archive.namelist()
+
+    def read(self, name: str) -> bytes:
+        """The bytes of a file. Raises InputError: it is missing or damaged."""
+        try:
+            if self._archive is None:
+                return (self.path / name).read_bytes()
+            return self._archive.read(name)
+        except (zipfile.BadZipFile, OSError, KeyError, EOFError, RuntimeError, ValueError) as error:
+            raise InputError(
+                f"{self.path}, {name}: cannot be read ({error}), expected a whole file"
+            ) from error
 
 
 def _numbers(names: list[str], suffix: str) -> dict[int, str]:
@@ -66,20 +85,12 @@ def _numbers(names: list[str], suffix: str) -> dict[int, str]:
     return {int(stem): name for stem, name in stems if stem.isdigit()}
 
 
-def _member(path: Path, name: str) -> bytes:
-    try:
-        if path.is_dir():
-            return (path / name).read_bytes()
-        with zipfile.ZipFile(path) as archive:
-            return archive.read(name)
-    except (zipfile.BadZipFile, OSError, KeyError, EOFError, RuntimeError, ValueError) as error:
-        raise InputError(f"{path}, {name}: cannot be read ({error}), expected a whole file") from error
-
-
-def _metadata(path: Path) -> dict:
-    content = parse_json(_member(path, "metadata"), f"{path}, metadata")
+def _metadata(members: _Members) -> dict:
+    content = parse_json(members.read("metadata"), f"{members.path}, metadata")
     if not isinstance(content, dict):
-        raise InputError(f"{path}, metadata: found {type(content).__name__}, expected K, w, h, poses, ...")
+        raise InputError(
+            f"{members.path}, metadata: found {type(content).__name__}, expected K, w, h, poses, ..."
+        )
     return content
 
 
@@ -109,25 +120,25 @@ def _poses(path: Path, metadata: dict) -> list[np.ndarray]:
     return [pose_matrix(np.roll(pose, 3)) @ OPENGL_AXES for pose in table if np.linalg.norm(pose[:4]) > 0.5]
 
 
-def _depth(path: Path, name: str, confidence: str | None, size: tuple[int, int]) -> np.ndarray:
+def _depth(members: _Members, name: str, confidence: str | None, size: tuple[int, int]) -> np.ndarray:
     pixels = size[0] * size[1]
-    data = _unpacked(path, name, pixels * 4)
+    data = _unpacked(members, name, pixels * 4)
     dtype = np.float16 if len(data) == pixels * 2 else np.float32
     if len(data) != pixels * np.dtype(dtype).itemsize:
         raise InputError(
-            f"{path}, {name}: found {len(data)} bytes of depth, expected {size[0]}x{size[1]} floats"
+            f"{members.path}, {name}: found {len(data)} bytes of depth, expected {size[0]}x{size[1]} floats"
         )
     depth = np.frombuffer(data, dtype).astype(np.float32).reshape(size[1], size[0])
     if confidence is None:
         return depth
-    sure = np.frombuffer(_unpacked(path, confidence, pixels), np.uint8)
+    sure = np.frombuffer(_unpacked(members, confidence, pixels), np.uint8)
     return confident(depth, sure.reshape(depth.shape)) if sure.size == pixels else depth
 
 
-def _unpacked(path: Path, name: str, at_most: int) -> bytes:
-    lzfse = optional_library("liblzfse", path, "Record3D's depth")
+def _unpacked(members: _Members, name: str, at_most: int) -> bytes:
+    lzfse = optional_library("liblzfse", members.path, "Record3D's depth")
     try:
-        data = lzfse.decompress(_member(path, name))
+        data = lzfse.decompress(members.read(name))
     except lzfse.error as error:
-        raise InputError(f"{path}, {name}: does not decompress ({error}), expected LZFSE") from error
+        raise InputError(f"{members.path}, {name}: does not decompress ({error}), expected LZFSE") from error
     return data if len(data) <= at_most else b""
