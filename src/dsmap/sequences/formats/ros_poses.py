@@ -40,7 +40,7 @@ def with_pose_topic(bag: Bag, frames: Frames, recording: Recording, camera: str)
         return recording
     T_child_camera = frames.between(child, camera) if child else None
     order = np.argsort(times, kind="stable")
-    found = poses_at(np.array([e.taken for e in recording.entries]), times[order], table[order], _APART_S)
+    found = poses_at(np.array([e.pose_time for e in recording.entries]), times[order], table[order], _APART_S)
     missing = sum(T is None for T in found)
     if missing == len(found):
         note = f"poses of {topic.name} are not used: none is within {_APART_S * 1e3:.0f} ms of an image"
