@@ -15,6 +15,7 @@ from dsmap.features import Features, matched_points
 from dsmap.frame import Intrinsics
 from dsmap.fusion.evaluate.rolling_rows import rows_of
 from dsmap.fusion.runs.read_run import evenly_spread
+from dsmap.lens import undistort_points
 from dsmap.sequences import Sequence
 from dsmap.sequences.images import read_colour
 
@@ -135,4 +136,4 @@ def _match(first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarra
 def _undistorted(pixels: np.ndarray, camera: Intrinsics) -> np.ndarray:
     if camera.distortion is None:
         return pixels
-    return cv2.undistortPoints(pixels[:, None], camera.K, np.array(camera.distortion), P=camera.K)[:, 0]
+    return undistort_points(pixels, camera) * (camera.fx, camera.fy) + (camera.cx, camera.cy)

@@ -9,6 +9,7 @@ from dsmap.files import atomic_path
 from dsmap.frame import Intrinsics
 from dsmap.fusion.exports.images import posed_frames, write_png
 from dsmap.fusion.exports.run_frames import RunFrames
+from dsmap.lens import model_of
 from dsmap.sequences import Sequence
 
 POINTS = 50_000
@@ -73,11 +74,12 @@ def _sample(surfels: dict[str, np.ndarray] | None) -> np.ndarray:
 def _camera(k: Intrinsics) -> str:
     values = [k.fx, k.fy, k.cx + 0.5, k.cy + 0.5]
     model = "PINHOLE"
-    if k.distortion is not None:
-        model, values = "OPENCV", [*values, *k.distortion[:4]]
-        if k.distortion[4]:  # k3
-            k1, k2, p1, p2, k3 = k.distortion
-            model, values = "FULL_OPENCV", [*values[:4], k1, k2, p1, p2, k3, 0.0, 0.0, 0.0]
+    if k.distortion is not None and model_of(k.distortion) == "fisheye":
+        model, values = "OPENCV_FISHEYE", [*values, *k.distortion]
+    elif k.distortion is not None:
+        full = any(k.distortion[4:])
+        model = "FULL_OPENCV" if full else "OPENCV"
+        values += [*k.distortion, 0.0, 0.0, 0.0][:8] if full else k.distortion[:4]
     return f"1 {model} {k.width} {k.height} " + " ".join(f"{v:.9g}" for v in values)
 
 

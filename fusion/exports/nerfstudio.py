@@ -7,6 +7,7 @@ import numpy as np
 from dsmap.files import write_json
 from dsmap.fusion.exports.images import posed_frames, write_png
 from dsmap.fusion.exports.ply import write_ply
+from dsmap.lens import MODELS, model_of
 from dsmap.sequences import Sequence
 
 
@@ -42,7 +43,9 @@ def export_nerfstudio(sequence: Sequence, out: Path, surfels: dict[str, np.ndarr
     # nerfstudio's pixel centres lie at .5, ours at integers.
     content = camera | {"cx": k.cx + 0.5, "cy": k.cy + 0.5}
     if k.distortion is not None:
-        content |= dict(zip(("k1", "k2", "p1", "p2", "k3"), map(float, k.distortion), strict=True))
+        model = model_of(k.distortion)
+        content |= dict(zip(MODELS[model], map(float, k.distortion), strict=True))
+        content["camera_model"] = "OPENCV_FISHEYE" if model == "fisheye" else "OPENCV"
     if surfels is not None:
         write_ply(out / "points.ply", surfels)
         content["ply_file_path"] = "points.ply"

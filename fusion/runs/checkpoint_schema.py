@@ -149,7 +149,7 @@ def camera_of(path: Path | str, values: dict[str, Any]) -> Intrinsics:
         set(values) - {*_CAMERA, "distortion"}
         or not all(isinstance(n, int | float) and not isinstance(n, bool) and np.isfinite(n) for n in every)
         or not all(_is_whole(n) for n in numbers[:2])
-        or not (distortion is None or (isinstance(distortion, list) and len(distortion) == 5))
+        or not (distortion is None or (isinstance(distortion, list) and len(distortion) in (4, 5, 8)))
         or min(numbers[:4]) <= 0  # type: ignore[type-var]
     ):
         raise InputError(

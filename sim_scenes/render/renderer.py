@@ -3,10 +3,10 @@
 from dataclasses import dataclass
 from typing import Protocol
 
-import cv2
 import numpy as np
 
 from dsmap.frame import Intrinsics
+from dsmap.lens import undistort_points
 from dsmap.sim_scenes.scene import Scene
 
 RENDERERS = ("warp", "mujoco", "pyrender")
@@ -55,13 +55,8 @@ def pixel_rays(camera: Intrinsics, shift: tuple[float, float] = (0.0, 0.0)) -> n
     A lens distortion is undone point by point: such a picture is exact, not a bent copy of a straight one.
     """
     x, y = np.meshgrid(np.arange(camera.width) + shift[0], np.arange(camera.height) + shift[1])
-    if camera.distortion is None:
-        rays = np.stack([(x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy, np.ones(x.shape)], -1)
-    else:
-        criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 50, 1e-9)
-        seen = np.stack([x, y], -1).reshape(-1, 1, 2)
-        straight = cv2.undistortPoints(seen, camera.K, np.array(camera.distortion), criteria=criteria)
-        rays = np.concatenate([straight.reshape(*x.shape, 2), np.ones((*x.shape, 1))], -1)
+    straight = undistort_points(np.stack([x, y], -1).reshape(-1, 2), camera)
+    rays = np.concatenate([straight.reshape(*x.shape, 2), np.ones((*x.shape, 1))], -1)
     return (rays / np.linalg.norm(rays, axis=-1, keepdims=True)).astype(np.float32)
 
 

@@ -15,7 +15,11 @@ from dsmap.errors import InputError
 
 @dataclass(frozen=True)
 class Intrinsics:
-    """Pinhole camera, integer pixel centres; `distortion` is radtan (k1, k2, p1, p2, k3) or None."""
+    """Pinhole camera, integer pixel centres.
+
+    `distortion`: None, or coefficients in OpenCV's order: 5 of radtan (k1, k2, p1, p2, k3), 8 of rational (and k4,
+    k5, k6), 4 of fisheye (k1, k2, k3, k4); see `dsmap.lens`.
+    """
 
     width: int
     height: int
@@ -23,7 +27,7 @@ class Intrinsics:
     fy: float
     cx: float
     cy: float
-    distortion: tuple[float, float, float, float, float] | None = None
+    distortion: tuple[float, ...] | None = None
 
     @property
     def K(self) -> np.ndarray:

@@ -7,6 +7,7 @@ import numpy as np
 import tyro
 
 from dsmap.errors import InputError
+from dsmap.lens import model_of
 from dsmap.ranges import Scale
 from dsmap.sequences import Sequence, open_sequence
 from dsmap.sequences.associate import gaps
@@ -61,7 +62,7 @@ def describe(sequence: Sequence) -> list[tuple[str, str]]:
     holes = gaps(times)
     longest = sorted(holes, key=lambda gap: -gap[1])[:3]
     named = ", ".join(f"{length:.2f} s after {t:.3f}" for t, length in longest)
-    distortion = "none" if k.distortion is None else "radtan " + " ".join(f"{v:g}" for v in k.distortion)
+    distortion = " ".join([model_of(k.distortion), *(f"{v:g}" for v in k.distortion or ())])
     return [
         ("layout", sequence.layout),
         ("image size", f"{k.width}x{k.height}"),

@@ -64,7 +64,7 @@ class Args:
     """Topic of the colour images of a bag; without it dsmap looks for one."""
     depth_topic: str | None = None
     """Topic of the depth images of a bag; without it dsmap looks for one."""
-    undistort: bool = False
+    undistort: bool = True
     """Remove lens distortion, where the calibration has one."""
     pose_convention: str | None = None
     """How the recording's poses are written, if not camera-to-world in metres with x right, y down, z forward:

@@ -11,6 +11,7 @@ import numpy as np
 from dsmap.errors import InputError
 from dsmap.files import write_yaml
 from dsmap.frame import Intrinsics
+from dsmap.lens import MODELS, NAMES, coefficients, model_named, model_of
 from dsmap.plain import brief, read_yaml
 from dsmap.sequences.calibration_checks import check_camera, check_depth_scale, check_extras, check_keys
 
@@ -20,7 +21,6 @@ _KEYS = (
     *_CAMERA_KEYS, "pixel_center", "depth_scale", "distortion", "depth_time_offset_s", "readout_s",
     "T_color_depth", "color_camera", "depth_max",
 )  # fmt: skip
-_DISTORTION_KEYS = ("model", "k1", "k2", "p1", "p2", "k3")
 
 _KINECT_READOUT_S = 0.026
 """From the first row of a Kinect's image to its last. On fr1/xyz 20 and 26 ms fit best, and a 7-Scenes recording
@@ -137,10 +137,8 @@ def write_calibration(folder: Path, calibration: Calibration) -> None:
     }
     if camera.distortion is not None:
         values = [float(v) for v in camera.distortion]
-        content["distortion"] = {
-            "model": "radtan",
-            **dict(zip(("k1", "k2", "p1", "p2", "k3"), values, strict=True)),
-        }
+        model = model_of(camera.distortion)
+        content["distortion"] = {"model": model, **dict(zip(MODELS[model], values, strict=True))}
     if calibration.depth_time_offset_s:
         content["depth_time_offset_s"] = float(calibration.depth_time_offset_s)
     if calibration.readout_s:
@@ -250,16 +248,19 @@ def _number(
     return float(value)
 
 
-def _distortion(path: Path, content: Any) -> tuple[float, float, float, float, float] | None:
+def _distortion(path: Path, content: Any) -> tuple[float, ...] | None:
     if content is None:
         return None
-    if not isinstance(content, dict) or content.get("model", "radtan") != "radtan":
+    name = content.get("model", "radtan") if isinstance(content, dict) else None
+    if not isinstance(name, str) or name.lower() not in NAMES:
         raise InputError(
-            f"{path}: found distortion {brief(content)}, expected {{model: radtan, k1, k2, p1, p2, k3}}"
+            f"{path}: found distortion {brief(content)}, expected {{model: radtan, k1, k2, p1, p2, k3}} or another "
+            f"model: {', '.join(MODELS)}, pinhole"
         )
-    check_keys(f"{path}, distortion", content, _DISTORTION_KEYS)
-    k1, k2, p1, p2, k3 = (_number(path, content, key, default=0.0) for key in ("k1", "k2", "p1", "p2", "k3"))
-    return (k1, k2, p1, p2, k3) if any((k1, k2, p1, p2, k3)) else None
+    if (model := model_named(name)) is None:
+        return None
+    check_keys(f"{path}, distortion", content, ("model", *MODELS[model]))
+    return coefficients(model, [_number(path, content, key, default=0.0) for key in MODELS[model]])
 
 
 def _color_camera(path: Path, content: Any, shift: float) -> Intrinsics | None:

@@ -8,6 +8,7 @@ import numpy as np
 
 from dsmap.errors import InputError
 from dsmap.frame import Intrinsics
+from dsmap.lens import MODELS, model_of
 
 _MAX_PIXELS = 20_000
 _FOCAL_BY_WIDTH = (0.15, 8.0)
@@ -16,7 +17,9 @@ _SQUEEZE = 1.5
 """No camera's pixels, nor an image squeezed from 16:9 to 4:3, differ more in width and height."""
 _SUSPICIOUS_SQUEEZE, _SUSPICIOUS_SHIFT = 1.2, 0.25
 """Together they mean another order of the four numbers: fx / fy, and the principal point off the centre [widths]."""
-_MAX_DISTORTION = {"k1": 50.0, "k2": 500.0, "p1": 0.5, "p2": 0.5, "k3": 500.0}
+_MAX_DISTORTION = {
+    "k1": 50.0, "k2": 500.0, "p1": 0.5, "p2": 0.5, "k3": 500.0, "k4": 500.0, "k5": 500.0, "k6": 500.0,
+}  # fmt: skip
 _MAX_BASELINE_M = 1.0
 _MAX_TIME_OFFSET_S = 1.0
 _MAX_READOUT_S = 0.1
@@ -78,8 +81,8 @@ def check_camera(where: Any, camera: Intrinsics) -> None:
             f"{where}: found cx {cx:g}, cy {cy:g}, expected a point inside the image of {width}x{height}"
         )
     if camera.distortion is not None:
-        for (name, limit), value in zip(_MAX_DISTORTION.items(), camera.distortion, strict=True):
-            if abs(value) > limit:
+        for name, value in zip(MODELS[model_of(camera.distortion)], camera.distortion, strict=True):
+            if abs(value) > (limit := _MAX_DISTORTION[name]):
                 raise InputError(
                     f"{where}: found {value:g} for distortion {name}, expected at most {limit:g} in size"
                 )

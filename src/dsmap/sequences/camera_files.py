@@ -12,6 +12,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from dsmap.errors import InputError
+from dsmap.lens import NAMES
 from dsmap.plain import parse_json, parse_yaml
 from dsmap.reading import DECODER_ERRORS
 from dsmap.sequences.text import COMMENTS, read_text
@@ -62,6 +63,10 @@ _DECIMAL_COMMA = re.compile(r"[-+]?\d+(?:,\d+)?(?:[eE][-+]?\d+)?")
 _SAME_ASPECT = 0.01
 
 
+_MODEL = ("distortion_model", "camera_model", "cam_model", "model")
+"""Keys that name the model of a distortion."""
+
+
 @dataclass(frozen=True)
 class FileCamera:
     """What a file says, before it is held against the images."""
@@ -70,9 +75,11 @@ class FileCamera:
     """fx, fy, cx, cy [px]."""
     size: tuple[int, int] | None = None
     distortion: tuple[float, ...] = ()
-    """k1 k2 p1 p2 [k3]."""
+    """In the order of `dsmap.lens.MODELS`; the last ones may be left out."""
     depth_scale: float | None = None
     """Stored units per metre."""
+    model: str = "radtan"
+    """Of the distortion."""
 
 
 def camera_in(file: Path, size: tuple[int, int]) -> FileCamera | None:
@@ -234,8 +241,11 @@ def _of_colmap(model: str, size: tuple[int, int], p: list[float]) -> FileCamera 
         values, distortion = (p[0], p[0], p[1], p[2]), (*p[3:5], 0.0, 0.0, 0.0)[:4]
         distortion = (distortion[0], distortion[1] if model == "RADIAL" else 0.0, 0.0, 0.0)
     else:
-        values, distortion = (p[0], p[1], p[2], p[3]), tuple(p[4:8])
-    return _checked(values[0], values[1], values[2] - 0.5, values[3] - 0.5, size=size, distortion=distortion)
+        values, distortion = (p[0], p[1], p[2], p[3]), tuple(p[4:12] if model == "FULL_OPENCV" else p[4:8])
+    return _checked(
+        values[0], values[1], values[2] - 0.5, values[3] - 0.5, size=size, distortion=distortion,
+        model="fisheye" if "FISHEYE" in model else "radtan",
+    )  # fmt: skip
 
 
 def _in_content(content: Any, is_by_columns: bool = False, scale: float | None = None) -> FileCamera | None:
@@ -250,7 +260,8 @@ def _in_content(content: Any, is_by_columns: bool = False, scale: float | None =
     scale = _scale(own) or scale
     stated = next(_stated(own, is_by_columns), None)
     if stated is not None:
-        return _checked(*stated, size=_size(own), distortion=_distortion(own), scale=scale)
+        model = next((str(own[k]) for k in _MODEL if str(own.get(k, "")).lower() in NAMES), "radtan")
+        return _checked(*stated, size=_size(own), distortion=_distortion(own), scale=scale, model=model)
     return _first([value for _, value in _by_camera(own.items())], is_by_columns, scale)
 
 
@@ -325,7 +336,7 @@ def _distortion(own: dict[str, Any]) -> tuple[float, ...]:
         if isinstance(value, dict) and any(_number(value.get(k)) is not None for k in _DISTORTION):
             return tuple(_number(value.get(k)) or 0.0 for k in _DISTORTION)
         found = _number_list(value.get("data") if isinstance(value, dict) else value)
-        if found and 4 <= len(found) <= 5:
+        if found and 4 <= len(found) <= 14:
             return tuple(found)
     return ()
 
@@ -361,9 +372,9 @@ def _number_list(value: Any) -> list[float] | None:
 
 def _checked(
     fx: float, fy: float, cx: float, cy: float, *, size: tuple[int, int] | None = None,
-    distortion: tuple[float, ...] = (), scale: float | None = None,
+    distortion: tuple[float, ...] = (), scale: float | None = None, model: str = "radtan",
 ) -> FileCamera | None:  # fmt: skip
     if not (np.isfinite([fx, fy, cx, cy]).all() and fx > 1 and abs(fy) > 1 and cx > 0 and cy > 0):
         return None
     values = (float(fx), abs(float(fy)), float(cx), float(cy))
-    return FileCamera(values, size, distortion if any(distortion) else (), scale)
+    return FileCamera(values, size, distortion if any(distortion) else (), scale, model)

@@ -8,6 +8,7 @@ import numpy as np
 
 from dsmap.errors import InputError
 from dsmap.frame import Intrinsics
+from dsmap.lens import coefficients
 from dsmap.sequences.calibration import FILE, Calibration, known_default
 from dsmap.sequences.calibration_checks import check_camera
 from dsmap.sequences.camera_files import FileCamera, camera_in
@@ -205,10 +206,7 @@ def _fits(found: FileCamera, size: tuple[int, int]) -> bool:
 
 
 def _plain(found: FileCamera, size: tuple[int, int]) -> Intrinsics:
-    if not found.distortion:
-        return Intrinsics(*size, *found.values)
-    k1, k2, p1, p2, k3 = (*found.distortion, 0.0)[:5]
-    return Intrinsics(*size, *found.values, (k1, k2, p1, p2, k3))
+    return Intrinsics(*size, *found.values, coefficients(found.model, found.distortion))
 
 
 def _at_size(file: Path, found: FileCamera, size: tuple[int, int], notes: list[str]) -> Intrinsics:

@@ -9,6 +9,7 @@ import numpy as np
 
 from dsmap.errors import InputError
 from dsmap.frame import Intrinsics
+from dsmap.lens import undistort_maps
 from dsmap.limits import MAX_IMAGE_BYTES
 from dsmap.reading import read_bytes, reading
 from dsmap.sequences.arrays import is_array, read_array
@@ -217,11 +218,7 @@ class Undistorter:
 
     def __init__(self, intrinsics: Intrinsics):
         """Compute the maps once. `intrinsics.distortion` must not be None."""
-        size = (intrinsics.width, intrinsics.height)
-        coefficients = np.array(intrinsics.distortion, dtype=np.float64)
-        self._maps = cv2.initUndistortRectifyMap(
-            intrinsics.K, coefficients, np.eye(3), intrinsics.K, size, cv2.CV_32FC1
-        )
+        self._maps = undistort_maps(intrinsics)
 
     def colour(self, rgb: np.ndarray) -> np.ndarray:
         """Bilinear; black where the source has no pixel."""

@@ -8,6 +8,7 @@ import numpy as np
 
 from dsmap.errors import InputError
 from dsmap.frame import Intrinsics
+from dsmap.lens import MODELS, coefficients
 from dsmap.plain import parse_json
 from dsmap.sequences.base import Recording
 from dsmap.sequences.calibration import Calibration
@@ -91,8 +92,11 @@ def _calibration(
         int(content.get("w", frames[0].get("w", size[0]))),
         int(content.get("h", frames[0].get("h", size[1]))),
     )
-    distortion = tuple(float(content.get(key, 0.0)) for key in ("k1", "k2", "p1", "p2", "k3"))
-    camera = Intrinsics(*stated, *(float(v) for v in values), distortion if any(distortion) else None)  # type: ignore[arg-type]
+    model = "fisheye" if "FISHEYE" in str(content.get("camera_model", "")).upper() else "rational"
+    found = coefficients(model, [float(content.get(key, 0.0)) for key in MODELS[model]])
+    if model == "rational" and found is not None:
+        found = coefficients("radtan", found)
+    camera = Intrinsics(*stated, *(float(v) for v in values), found)
     if stated != size:
         camera = camera.scaled(*size)
         notes.append(

@@ -8,6 +8,7 @@ import numpy as np
 
 from dsmap.errors import InputError
 from dsmap.frame import Intrinsics
+from dsmap.lens import coefficients
 from dsmap.sequences.associate import associate
 from dsmap.sequences.base import Recording
 from dsmap.sequences.calibration import Calibration
@@ -127,11 +128,11 @@ def camera_of(bag: Bag, topic: Topic, notes: list[str]) -> tuple[Intrinsics, str
         and P[0] > 0
     ):
         K = P.reshape(3, 4)[:, :3].ravel()  # rectified images are those of the projection matrix
-    elif message.distortion_model in ("plumb_bob", "") and D.size >= 4 and D[:5].any():
-        k1, k2, p1, p2, k3 = (float(v) for v in np.append(D, 0.0)[:5])
-        distortion = (k1, k2, p1, p2, k3)
     elif D.any():
-        notes.append(f"{best.name}: lens distortion {message.distortion_model!r} is left in the images")
+        try:
+            distortion = coefficients(message.distortion_model or "plumb_bob", D)
+        except InputError as error:
+            notes.append(f"{best.name}: lens distortion is left in the images: {error}")
     width, height = int(message.width), int(message.height)
     fx, cx, fy, cy = (float(K[i]) for i in (0, 2, 4, 5))
     return Intrinsics(width, height, fx, fy, cx, cy, distortion), best.name

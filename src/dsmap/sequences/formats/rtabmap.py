@@ -9,6 +9,7 @@ import numpy as np
 
 from dsmap.errors import InputError
 from dsmap.frame import Intrinsics
+from dsmap.lens import coefficients
 from dsmap.sequences.associate import pose_matrix
 from dsmap.sequences.base import Recording
 from dsmap.sequences.calibration import Calibration
@@ -90,9 +91,13 @@ def _camera(file: Path) -> tuple[Calibration, np.ndarray]:
             f"{file}: found no image_width, image_height and camera_matrix, expected RTAB-Map's camera"
         )
     distortion = None
-    if D is not None and 4 <= D.size <= 5 and D.any():
-        k1, k2, p1, p2, k3 = (float(v) for v in np.append(D.ravel(), 0.0)[:5])
-        distortion = (k1, k2, p1, p2, k3)
+    if D is not None and D.any():
+        # A fisheye has 4 coefficients among 6 there; see rtabmap's CameraModel.
+        distortion = (
+            coefficients("fisheye", D.ravel()[[0, 1, 4, 5]])
+            if D.size == 6
+            else coefficients("radtan", D.ravel()[:8])
+        )
     camera = Intrinsics(*size, K[0, 0], K[1, 1], K[0, 2], K[1, 2], distortion)
     T = np.eye(4) if local is None else np.vstack([local, (0, 0, 0, 1)])
     return Calibration(camera, 1000.0, f"{file.parent.name}/{file.name}"), T
