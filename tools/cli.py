@@ -39,6 +39,10 @@ COMMANDS: dict[str, tuple[str, str]] = {
         "dsmap.tools.commands.bench_robustness",
         "Try to lose the camera in rendered rooms: fast turns, a covered lens, leaps.",
     ),
+    "kernel-resources": (
+        "dsmap.tools.commands.kernel_resources",
+        "Registers, spills and shared memory of every kernel as compiled for CUDA.",
+    ),
     "reproduce": (
         "dsmap.tools.commands.reproduce",
         "Make the figures of README and docs again; stated against measured.",
