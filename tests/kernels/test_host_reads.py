@@ -1,4 +1,4 @@
-"""Where a step of the mapper makes the host wait for a GPU: every place is stated here, so that none is added unseen."""
+"""Where a step of the mapper makes the host wait for a GPU: every place is stated here, so none is added unseen."""
 
 import ast
 from collections import Counter
@@ -81,7 +81,11 @@ def reads_of(source: str, name: str) -> Counter:
             if isinstance(child, ast.FunctionDef | ast.ClassDef):
                 walk(child, [*inside, child.name])
                 continue
-            if isinstance(child, ast.Call) and isinstance(child.func, ast.Attribute) and child.func.attr in _READS:
+            if (
+                isinstance(child, ast.Call)
+                and isinstance(child.func, ast.Attribute)
+                and child.func.attr in _READS
+            ):
                 found[f"{name} {'.'.join(inside)}"] += 1
             walk(child, inside)
 
@@ -101,5 +105,11 @@ def test_every_read_by_the_host_is_stated():
 
 
 def test_a_read_is_found_wherever_it_is():
-    source = "class A:\n    def f(self):\n        x = [a.numpy() for a in b]\n        wp.synchronize_device(x[0].item())\n"
+    lines = [
+        "class A:",
+        " def f(self):",
+        "  x = [a.numpy() for a in b]",
+        "  wp.synchronize_device(x[0].item())",
+    ]
+    source = "\n".join(lines)
     assert reads_of(source, "m.py") == {"m.py A.f": 3}

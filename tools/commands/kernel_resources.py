@@ -69,7 +69,9 @@ def main(args: Args) -> int:
     if args.module is not None and args.module not in names:
         raise InputError(f"--module is {args.module!r}; expected one of {', '.join(names)}")
     rows = []
-    print(f"{'kernel':<40} {'arch':>5} {'registers':>9} {'spills':>7} {'stack':>6} {'shared':>7} {'occupancy':>9}")
+    print(
+        f"{'kernel':<40} {'arch':>5} {'registers':>9} {'spills':>7} {'stack':>6} {'shared':>7} {'occupancy':>9}"
+    )
     for name in [args.module] if args.module else names:
         for arch in args.arch:
             for row in compiled(name, arch):
@@ -95,8 +97,14 @@ def compiled(name: str, arch: int) -> list[Resources]:
         ptx = next(Path(folder).glob("*.ptx"))
         told = _ptxas(ptx, arch)
         older = re.search(r"current version is '([\d.]+)'", told.stderr)
-        if older is not None:  # Warp's compiler is newer than the toolkit; what kernels need, older versions know
-            ptx.write_text(re.sub(r"(?m)^\.version .*$", f".version {older.group(1)}", ptx.read_text().rstrip("\0"), count=1))
+        if (
+            older is not None
+        ):  # Warp's compiler is newer than the toolkit; what kernels need, older versions know
+            ptx.write_text(
+                re.sub(
+                    r"(?m)^\.version .*$", f".version {older.group(1)}", ptx.read_text().rstrip("\0"), count=1
+                )
+            )
             told = _ptxas(ptx, arch)
         if told.returncode:
             raise InputError(f"ptxas refused {name} for sm_{arch}: {told.stderr.strip().splitlines()[0]}")
@@ -114,7 +122,10 @@ def parsed(told: str, module: str, arch: int) -> list[Resources]:
     for part in told.split("Compiling entry function")[1:]:
         symbol = re.search(r"'(\w+?)_[0-9a-f]{6,}_cuda_kernel_forward'", part)
         used = re.search(r"Used (\d+) registers", part)
-        spilt, stack = re.search(r"(\d+) bytes spill stores", part), re.search(r"(\d+) bytes stack frame", part)
+        spilt, stack = (
+            re.search(r"(\d+) bytes spill stores", part),
+            re.search(r"(\d+) bytes stack frame", part),
+        )
         shared = re.search(r"(\d+) bytes smem", part)
         if symbol is None or used is None:
             continue
