@@ -16,6 +16,10 @@ from dsmap.tools.support.kernel_cache import make_kernel_cache_writable
 
 COMMANDS: dict[str, tuple[str, str]] = {
     "map": ("dsmap.tools.commands.map", "Map an RGB-D recording: trajectory, surfels, labels, pictures."),
+    "live": (
+        "dsmap.tools.commands.live",
+        "Map a camera while it films, or a recording at its own speed, and watch.",
+    ),
     "info": ("dsmap.tools.commands.info", "Say what dsmap understands of a recording, without mapping it."),
     "evaluate": (
         "dsmap.tools.commands.evaluate",
@@ -104,7 +108,19 @@ _PACKAGE_EXTRA = {
 }  # fmt: skip
 
 
-USE = ("map", "info", "evaluate", "view", "render-scene", "train", "refine", "export", "convert", "cut")
+USE = (
+    "map",
+    "live",
+    "info",
+    "evaluate",
+    "view",
+    "render-scene",
+    "train",
+    "refine",
+    "export",
+    "convert",
+    "cut",
+)
 """Commands that the help lists first; all others serve to develop dsmap."""
 
 

@@ -1,21 +1,18 @@
 """`dsmap view`: what it reads, what it selects, its pictures, and the page in a headless browser."""
 
-import base64
-import contextlib
 import functools
 import http.server
 import json
 import shutil
 import socket
-import subprocess
 import threading
-import time
 import urllib.error
 import urllib.request
 
 import cv2
 import numpy as np
 import pytest
+from browser import browser, free_port, wait
 from synthetic_map import CEILING, FLOOR, TABLE, WALL, camera_path, room_arrays
 
 from dsmap.classes import PALETTE
@@ -109,7 +106,7 @@ def test_cloud_selects_and_thins_out(run_dir):
 
 
 @pytest.mark.slow
-def test_page_in_a_headless_browser(run_dir, tmp_path):
+def test_page_in_a_headlessbrowser(run_dir, tmp_path):
     chromium = shutil.which("chromium") or shutil.which("google-chrome")
     if chromium is None:
         pytest.skip("no chromium on this machine (Debian: apt-get install chromium)")
@@ -117,10 +114,10 @@ def test_page_in_a_headless_browser(run_dir, tmp_path):
     from dsmap.tools.support.viewer import Cloud, MapViewer
 
     arrays, poses, _ = read_run(run_dir)
-    viewer = MapViewer(Cloud(arrays, 100_000), poses, 0, "127.0.0.1", _free_port(), "test")
+    viewer = MapViewer(Cloud(arrays, 100_000), poses, 0, "127.0.0.1", free_port(), "test")
     try:
-        with _browser(chromium, tmp_path, viewer.address) as page:
-            text = _wait(lambda: t if "Camera path" in (t := page.text()) else None)
+        with browser(chromium, tmp_path, viewer.address) as page:
+            text = wait(lambda: t if "Camera path" in (t := page.text()) else None)
             for words in (
                 "Point size",
                 "Min. confidence",
@@ -133,15 +130,15 @@ def test_page_in_a_headless_browser(run_dir, tmp_path):
                 assert words in text, f"{words!r} is not on the page"
             viewer.mode.value = "label"
             viewer.update()
-            _wait(lambda: page.share(FLOOR) > 0.02 or None)
+            wait(lambda: page.share(FLOOR) > 0.02 or None)
             assert page.share(WALL) > 0.02
             assert page.share(CEILING) < 0.02, "it is cut away"
             page.click("floor")
-            _wait(lambda: page.share(FLOOR) < 0.02 or None)
+            wait(lambda: page.share(FLOOR) < 0.02 or None)
             assert not viewer.boxes[FLOOR].value
             assert page.share(WALL) > 0.02, "only the floor was switched off"
             page.click("Cut away walls")
-            _wait(lambda: page.share(CEILING) > 0.02 or None)
+            wait(lambda: page.share(CEILING) > 0.02 or None)
     finally:
         viewer.server.stop()
 
@@ -154,7 +151,7 @@ def test_the_viewer_lets_in_who_has_its_address_and_nobody_else(run_dir, monkeyp
     from dsmap.tools.support.viewer import Cloud, MapViewer
 
     arrays, poses, _ = read_run(run_dir)
-    viewer = MapViewer(Cloud(arrays, 1000), poses, 0, "127.0.0.1", _free_port(), "test")
+    viewer = MapViewer(Cloud(arrays, 1000), poses, 0, "127.0.0.1", free_port(), "test")
     shared = []
     monkeypatch.setattr(viewer.server, "request_share_url", lambda *a, **k: shared.append(1))
     port, secret = viewer.server.get_port(), viewer.guard.token
@@ -216,7 +213,7 @@ def test_a_page_of_foreign_origin_gets_nothing(run_dir, tmp_path):
     from dsmap.tools.support.viewer import Cloud, MapViewer
 
     arrays, poses, _ = read_run(run_dir)
-    viewer = MapViewer(Cloud(arrays, 1000), poses, 0, "127.0.0.1", _free_port(), "test")
+    viewer = MapViewer(Cloud(arrays, 1000), poses, 0, "127.0.0.1", free_port(), "test")
     port, secret = viewer.server.get_port(), viewer.guard.token
     hosts = [f"ws://localhost:{port}", f"ws://127.0.0.1:{port}"]
     addresses = [f"{host}/{path}" for host in hosts for path in ("", secret)]
@@ -226,86 +223,10 @@ def test_a_page_of_foreign_origin_gets_nothing(run_dir, tmp_path):
     site = http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler)
     threading.Thread(target=site.serve_forever, daemon=True).start()
     try:
-        with _browser(chromium, tmp_path, f"http://localhost:{site.server_port}/") as page:
-            assert _wait(lambda: t if "answers" in (t := page.text()) else None) == "answers: " + " ".join(
+        with browser(chromium, tmp_path, f"http://localhost:{site.server_port}/") as page:
+            assert wait(lambda: t if "answers" in (t := page.text()) else None) == "answers: " + " ".join(
                 ["refused"] * 4
             )
     finally:
         site.shutdown()
         viewer.server.stop()
-
-
-class Page:
-    """A page of a browser, driven through its debugging protocol."""
-
-    def __init__(self, socket_) -> None:
-        self.socket = socket_
-        self.count = 0
-
-    def call(self, method: str, **params):
-        self.count += 1
-        self.socket.send(json.dumps({"id": self.count, "method": method, "params": params}))
-        while (answer := json.loads(self.socket.recv(timeout=60))).get("id") != self.count:
-            pass
-        return answer["result"]
-
-    def text(self) -> str:
-        return self.call("Runtime.evaluate", expression="document.body?.innerText ?? ''")["result"]["value"]
-
-    def click(self, words: str) -> None:
-        """Switch the checkbox beside the words."""
-        script = """[...document.querySelectorAll("input[type=checkbox]")].find((box) => {
-            for (let node = box, i = 0; i < 8; i++, node = node.parentElement)
-                if (node.innerText?.trim() === "%s") return true;
-        }).click()"""
-        answer = self.call("Runtime.evaluate", expression=script % words)
-        assert "exceptionDetails" not in answer, f"the page has no switch {words!r}"
-
-    def share(self, label: int) -> float:
-        """Share of the screen that has nearly the colour of a class."""
-        png = base64.b64decode(self.call("Page.captureScreenshot")["data"])
-        image = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR)[..., ::-1].astype(int)
-        return float((np.abs(image - PALETTE[label]).max(axis=2) < 12).mean())
-
-
-def _free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
-
-
-def _wait(check, seconds: float = 60):
-    end = time.monotonic() + seconds
-    while time.monotonic() < end:
-        if (result := check()) is not None:
-            return result
-        time.sleep(0.3)
-    pytest.fail(f"nothing happened in {seconds} s")
-
-
-@contextlib.contextmanager
-def _browser(chromium: str, folder, url: str):
-    """A page in headless Chromium with WebGL in software."""
-    from websockets.sync.client import connect
-
-    debug = _free_port()
-    flags = (
-        "--headless --no-sandbox --disable-quic --no-first-run --disable-background-networking "
-        "--disable-component-update --disable-sync --use-gl=angle --use-angle=swiftshader "
-        f"--enable-unsafe-swiftshader --window-size=900,600 --remote-debugging-port={debug}"
-    ).split()
-    command = [chromium, *flags, f"--user-data-dir={folder / 'profile'}", url]
-    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-
-    def address() -> str | None:
-        with contextlib.suppress(OSError):
-            tabs = json.load(urllib.request.urlopen(f"http://127.0.0.1:{debug}/json"))
-            return next((tab["webSocketDebuggerUrl"] for tab in tabs if tab["type"] == "page"), None)
-        return None
-
-    try:
-        with connect(_wait(address), max_size=None) as socket_:
-            yield Page(socket_)
-    finally:
-        process.terminate()
-        process.wait(timeout=30)

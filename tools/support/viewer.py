@@ -95,19 +95,7 @@ class MapViewer:
         self.up = up_direction(shown["normal"], poses) if up is None else up
         self.view = overview(shown, poses, 1280, 960, up=self.up)
         self.eye = self.view.T_world_camera[:3, 3]
-        self.guard = Guard(host)
-        with (
-            contextlib.redirect_stdout(io.StringIO()),
-            self.guard.in_front(),
-        ):  # the caller says where to look
-            self.server = viser.ViserServer(host=host, port=port, label=f"dsmap: {title}", verbose=False)
-        if not self.guard.at_work:
-            self.server.stop()
-            raise InputError(
-                f"viser {viser.__version__} cannot be guarded; expected a version of constraints.txt"
-            )
-        refuse_sharing(self.server)
-        self.server.gui.configure_theme(show_logo=False, show_share_button=False)
+        self.server, self.guard = guarded_server(host, port, title)
         self.server.scene.set_up_direction(self.up)
         self._place_camera()
         self._add_switches(shown_weight(shown["weight"], min_confidence))
@@ -222,6 +210,25 @@ class MapViewer:
         camera.look_at = self.eye + forward * max(distance, 0.1)
         camera.up = self.up
         camera.fov = 2 * np.arctan(0.5 * self.view.intrinsics.height / self.view.intrinsics.fy)
+
+
+def guarded_server(host: str, port: int, title: str) -> tuple[viser.ViserServer, Guard]:
+    """A server with an empty page, and the guard before it.
+
+    Raises:
+        InputError: viser has changed so that it cannot be guarded.
+    """
+    guard = Guard(host)
+    with contextlib.redirect_stdout(io.StringIO()), guard.in_front():  # the caller says where to look
+        server = viser.ViserServer(host=host, port=port, label=f"dsmap: {title}", verbose=False)
+    if not guard.at_work:
+        server.stop()
+        raise InputError(
+            f"viser {viser.__version__} cannot be guarded; expected a version of constraints.txt"
+        )
+    refuse_sharing(server)
+    server.gui.configure_theme(show_logo=False, show_share_button=False)
+    return server, guard
 
 
 def refuse_sharing(server: viser.ViserServer) -> None:

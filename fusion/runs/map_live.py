@@ -1,0 +1,72 @@
+"""Mapping a camera while it films: the step of `map`, on the newest frame there is."""
+
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from dsmap.fusion.mapper import Mapper, StepResult
+from dsmap.fusion.runs.newest_frame import Arrived, NewestFrame
+
+_POLL_S = 0.1
+"""So often a loop without frames looks at its controls."""
+
+
+@dataclass
+class Controls:
+    """What may be asked of a session from another thread."""
+
+    paused: threading.Event = field(default_factory=threading.Event)
+    stop: threading.Event = field(default_factory=threading.Event)
+    save: threading.Event = field(default_factory=threading.Event)
+
+
+@dataclass(frozen=True)
+class Moment:
+    """A frame that was mapped."""
+
+    arrived: Arrived
+    result: StepResult
+    mapped_at: float
+    """time.monotonic() [s]."""
+    dropped: int
+    """Frames so far that came too fast."""
+
+    @property
+    def delay_s(self) -> float:
+        """From the camera to the map."""
+        return self.mapped_at - self.arrived.at
+
+
+def map_live(
+    mapper: Mapper,
+    frames: NewestFrame,
+    controls: Controls,
+    watch: Callable[[Moment], None],
+    save: Callable[[], None],
+    asked_to_stop: Callable[[], int] = lambda: 0,
+) -> int:
+    """Map until the source ends or somebody asks to stop; returns the number of frames that were mapped.
+
+    Args:
+        watch: is shown every frame right after its step; it should not take long.
+        save: writes what is there, between two frames, when it is asked for.
+        asked_to_stop: of `signals_noted`.
+    """
+    count = 0
+    while not controls.stop.is_set() and not asked_to_stop():
+        if controls.save.is_set():
+            controls.save.clear()
+            save()
+        arrived = frames.take(_POLL_S)
+        if arrived is None:
+            if frames.ended:
+                break
+            continue
+        if controls.paused.is_set():  # the camera films on; nobody looks
+            continue
+        result = mapper.step(arrived.frame)
+        count += 1
+        watch(Moment(arrived, result, time.monotonic(), frames.dropped))
+    mapper.settle()
+    return count
