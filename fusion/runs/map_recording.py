@@ -12,6 +12,7 @@ import numpy as np
 from tqdm import tqdm
 
 from dsmap.files import written_or_warned
+from dsmap.frame import Frame
 from dsmap.fusion.mapper import Mapper, StepResult
 from dsmap.fusion.runs.prepare_ahead import prepare_ahead
 from dsmap.sequences import Sequence
@@ -47,6 +48,7 @@ def map_recording(
     sequence: Sequence,
     checkpoint_every: int = 0,
     asked_to_stop: Callable[[], int] | None = None,
+    watch: Callable[[Frame, StepResult], None] | None = None,
 ) -> int:
     """Map the frames that are not done yet; returns the signal that stopped it (Ctrl-C, SIGTERM, SIGHUP), or 0.
 
@@ -55,10 +57,11 @@ def map_recording(
 
     Args:
         asked_to_stop: of `signals_noted`, if the caller notes signals; None: they are noted here.
+        watch: is shown every frame right after its step.
     """
     if asked_to_stop is None:
         with signals_noted() as asked_to_stop:
-            return map_recording(state, sequence, checkpoint_every, asked_to_stop)
+            return map_recording(state, sequence, checkpoint_every, asked_to_stop, watch)
     first, earlier, rest = state.done, state.skipped, sequence.rest(state.done)
     position_of = {entry.index: first + i for i, entry in enumerate(rest.entries)}
     positions = set(np.linspace(0, len(sequence) - 1, STRIP_FRAMES + 2).astype(int)[1:-1].tolist())
@@ -69,6 +72,8 @@ def map_recording(
             position = position_of[frame.index]
             _skip_to(state, position, sequence)
             result = state.mapper.step(frame, ready.maps, waited_ms=ready.waited_ms)
+            if watch is not None:
+                watch(frame, result)
             # Reading is one frame ahead: what it skipped there is not behind us yet.
             passed = [(index, reason) for index, reason in rest.skipped if index < frame.index]
             state.done, state.skipped = position + 1, earlier + passed

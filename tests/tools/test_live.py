@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from browser import browser, free_port, wait
 from corner_frames import FRAMES, config, record
-from wall_corner import INTRINSICS
 
 from dsmap.errors import InputError
 from dsmap.fusion.mapper import Mapper
@@ -20,6 +19,7 @@ from dsmap.sequences import open_sequence
 from dsmap.tools import cli
 from dsmap.tools.live.shown_map import CELL_M, Points, ShownMap
 from dsmap.tools.live.sources import Replay, open_source
+from dsmap.tools.twins.corner import INTRINSICS
 
 
 def points(count: int, seed: int = 0, spread: float = 1.0, label: int = 1) -> Points:

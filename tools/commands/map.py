@@ -59,7 +59,12 @@ def main(args: Args) -> int:
             held.enter_context(claimed(args.out))
         announce(args, sequence, state)
         asked_to_stop = held.enter_context(signals_noted())  # writing is finished first, too
-        map_recording(state, sequence, args.checkpoint_every, asked_to_stop)
+        watch = None
+        if args.view:
+            from dsmap.tools.live.watch_map import watching
+
+            watch, asked_to_stop = held.enter_context(watching(args, state, asked_to_stop))
+        map_recording(state, sequence, args.checkpoint_every, asked_to_stop, watch)
         state.wall_s += time.perf_counter() - began
         with all_that_fits(args.out) as attempt:
             attempt(write_run, args, state, sequence)

@@ -48,6 +48,8 @@ class Args:
     """Write objects.json and scene_graph.json, the things of the map with boxes."""
     pictures: bool = True
     """Draw the pictures."""
+    view: bool = False
+    """Serve a page that shows the map growing; its address is printed (see `dsmap live`)."""
     size: str | None = None
     """Resize frames to WIDTHxHEIGHT first, e.g. 320x240."""
     start: Frames = 0
@@ -84,7 +86,7 @@ _RENAMED = {("spec", "kind"): "segmenter"}
 """(part, field) -> the option that it is."""
 OF_A_CALL = (
     *("path", "out", "config", "write_config", "overwrite", "resume"),
-    *("localize_in", "extend", "checkpoint_every"),
+    *("localize_in", "extend", "checkpoint_every", "view"),
 )  # fmt: skip
 """Options that say what to do, not how: a configuration file cannot set them."""
 

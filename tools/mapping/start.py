@@ -26,7 +26,7 @@ from dsmap.tools.mapping.segmenters import make_segmenter, names_code
 
 _MAY_CHANGE = (
     *("path", "out", "config", "write_config", "overwrite", "resume"),
-    *("checkpoint_every", "stop", "pictures", "objects", "refine", "save_probabilities", "device"),
+    *("checkpoint_every", "view", "stop", "pictures", "objects", "refine", "save_probabilities", "device"),
 )
 """Options that may be others when a run goes on."""
 
