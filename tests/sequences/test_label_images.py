@@ -66,11 +66,24 @@ def test_255_and_65535_are_void(tmp_path, dtype, void):
         (save(IDS.astype(np.uint16) + 256), "found the ids 257", ".png"),
         (save(COLOURS[IDS]), "found the colours #", ".png"),
         (save(IDS), "JPEG", ".jpg"),
+        (save(IDS), "lossy WebP", ".webp"),
+        (lambda file, _: Image.fromarray(IDS).save(file), "GIF", ".gif"),
         (save(IDS[:, ::2]), "32x48", ".png"),
         (lambda file, _: file.write_bytes(b"nothing"), "does not decode", ".png"),
         (lambda file, _: None, "none of the label images exists", ".png"),
     ],
-    ids=["other ids", "instances", "16 bit", "colours", "jpeg", "another view", "damaged", "missing"],
+    ids=[
+        "other ids",
+        "instances",
+        "16 bit",
+        "colours",
+        "jpeg",
+        "webp",
+        "gif",
+        "another view",
+        "damaged",
+        "missing",
+    ],
 )
 def test_labels_that_cannot_be_used_are_left_out_with_a_sentence(tmp_path, write, said, suffix):
     folder = recording(tmp_path / "r", write, suffix)

@@ -115,6 +115,15 @@ def _code(rgb: np.ndarray) -> np.ndarray:
     return (rgb[..., 0] << 16) | (rgb[..., 1] << 8) | rgb[..., 2]
 
 
+def _loses_ids(format: str | None, data: bytes) -> str | None:
+    """What an image file is that does not hold ids as they were; None where it does."""
+    if format == "JPEG":
+        return "a JPEG, whose ids are blurred"
+    if format == "WEBP" and b"VP8 " in data[:64]:
+        return "a lossy WebP, whose ids are blurred"
+    return "a GIF, whose palette is put in another order" if format == "GIF" else None
+
+
 def _read_pixels(path: Path, coloured: bool) -> np.ndarray:
     """Ids, int64, shape (H, W), or RGB, uint8, shape (H, W, 3); of a palette indices, or colours if asked for."""
     try:
@@ -122,10 +131,8 @@ def _read_pixels(path: Path, coloured: bool) -> np.ndarray:
         check_image_file(path, data)
         with Image.open(BytesIO(data)) as image:
             check_image_size(path, *image.size)
-            if image.format == "JPEG":
-                raise InputError(
-                    f"{path}: found a JPEG, whose ids are blurred, expected a lossless image (PNG)"
-                )
+            if (lossy := _loses_ids(image.format, data)) is not None:
+                raise InputError(f"{path}: found {lossy}, expected a lossless image (PNG)")
             if image.mode == "P" and not coloured:
                 return np.asarray(image).astype(np.int64)
             if image.mode in ("P", "RGB", "RGBA"):

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -158,7 +159,7 @@ def _sound(recording: Recording) -> Recording:
     if not entries:
         raise InputError(f"{recording.path}: found no frame with a time stamp that can be one, expected some")
     posed = [k for k, entry in enumerate(entries) if entry.T_world_camera is not None]
-    poses = [entries[k].T_world_camera for k in posed]
+    poses: list[Any] = [entries[k].T_world_camera for k in posed]
     odd = [k for k, T in zip(posed, poses, strict=True) if np.shape(T) != (4, 4)]
     if posed and not odd:
         odd = [posed[i] for i in np.flatnonzero(~are_rigid(np.array(poses, np.float64)))]
