@@ -104,9 +104,9 @@ def test_command_writes_tables_and_file(recording, tmp_path, capsys):
 
 def test_the_worker_takes_what_map_takes(recording, tmp_path):
     preset = tmp_path / "mine.yaml"
-    preset.write_text("undistort: true\ntrack:\n  view_width: 160\nsurfels:\n  resolution: 0.004\n")
+    preset.write_text("undistort: false\ntrack:\n  view_width: 160\nsurfels:\n  resolution: 0.004\n")
     args = map_args(request(recording, config=str(preset), segmenter="labels"))
-    assert args.undistort and args.map.track.view_width == 160 and args.map.surfels.resolution == 0.004
+    assert not args.undistort and args.map.track.view_width == 160 and args.map.surfels.resolution == 0.004
     assert args.spec.kind == "labels" and map_args(request(recording)).spec.kind == "none"
     assert map_args(request(recording)).map.surfels == MapConfig().surfels
     with pytest.raises(InputError, match="no such configuration"):

@@ -48,8 +48,8 @@ class Args:
     depth_max: Annotated[float | None, Range(0, 1000, above=True)] = None
     """Ignore farther depth [m], in both systems; default: the configuration's, else the calibration's depth_max, else
     that of `dsmap map`, or beside Open3D 3, its own."""
-    undistort: bool = False
-    """Remove lens distortion, where the calibration has one, for both systems."""
+    undistort: bool = True
+    """Remove lens distortion, where the calibration has one, for both systems, as `dsmap map` does."""
     intrinsics: str | None = None
     """fx,fy,cx,cy of the recording's own images [px]."""
     depth_scale: Scale | None = None

@@ -5,20 +5,20 @@ import platform
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import warp as wp
 from scipy.spatial import KDTree
 
 from dsmap.cores import usable_cores
-from dsmap.errors import InputError
 from dsmap.files import write_json
 from dsmap.frame import Frame
 from dsmap.fusion.config import MapConfig
 from dsmap.fusion.lie import exp_se3
 from dsmap.fusion.mapper import Mapper
 from dsmap.kernels.runtime import chosen_device
+from dsmap.ranges import Range
 from dsmap.tools.twins import corner
 from dsmap.tools.twins.checks import CHECKS
 
@@ -40,7 +40,7 @@ _APART_M, _COUNT, _SURFACE_M = 2e-3, 0.02, 1e-3
 class Args:
     device: Literal["auto", "cpu", "cuda"] = "auto"
     """What is examined; auto: CUDA where there is one, else the CPU."""
-    frames: int = 60
+    frames: Annotated[int, Range(10, 100_000)] = 60
     """A room of this many frames is mapped on the CPU and on the device; on the CPU alone, twice."""
     out: Path | None = None
     """File for the report, as JSON."""
@@ -50,10 +50,8 @@ def main(args: Args) -> int:
     """Examine the machine, print and write the report; 1 if something is not as it should be.
 
     Raises:
-        InputError: CUDA was asked for and there is none, or there are too few frames to map.
+        InputError: CUDA was asked for and there is none.
     """
-    if args.frames < 10:
-        raise InputError(f"--frames is {args.frames}; expected at least 10")
     device = chosen_device("cuda:0" if args.device == "cuda" else args.device).alias
     report: dict[str, Any] = {
         "versions": versions(),

@@ -43,7 +43,7 @@ class Request:
     config: str | None = None
     """Of dsmap: as `dsmap map --config` takes it."""
     segmenter: str = "none"
-    undistort: bool = False
+    undistort: bool = True
 
 
 def map_args(request: Request) -> Args:
@@ -55,7 +55,7 @@ def map_args(request: Request) -> Args:
     args = Args(Path(request.path), Path("RUN"))
     if request.config is not None:
         args = with_values(args, load_preset(request.config), f"--config {request.config}")
-    changes = {"undistort": request.undistort or args.undistort}
+    changes = {"undistort": request.undistort and args.undistort}
     changes["spec"] = dataclasses.replace(args.spec, kind=request.segmenter)
     return dataclasses.replace(args, map=dataclasses.replace(args.map, device=request.device), **changes)
 
