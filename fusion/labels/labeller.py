@@ -1,5 +1,6 @@
 """Which frames are segmented, and what the segmenter is told about them."""
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -30,6 +31,8 @@ class Labeller:
         self.config, self.segmenter = config, segmenter
         self.schedule = Schedule(config.labels)
         self.gravity = MapGravity(intrinsics, config.camera_up)
+        self.rest_until = -math.inf
+        """No frame before this time [s] is segmented: a live session that has to keep up sets it."""
 
     def probabilities(
         self,
@@ -45,7 +48,7 @@ class Labeller:
             maps: the frame's finest.
             surfels: of the map, with this frame; trajectory: of all frames, with this one.
         """
-        if self.segmenter is None or not self.schedule.due(T_world_camera):
+        if self.segmenter is None or frame.time < self.rest_until or not self.schedule.due(T_world_camera):
             return None
         if wants_geometry(self.segmenter):
             self.gravity.update(surfels, self.config.surfels.stable_weight, trajectory)

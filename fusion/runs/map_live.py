@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 from dsmap.fusion.mapper import Mapper, StepResult
 from dsmap.fusion.runs.newest_frame import Arrived, NewestFrame
+from dsmap.fusion.runs.pace import Pace
 
 _POLL_S = 0.1
 """So often a loop without frames looks at its controls."""
@@ -45,6 +46,7 @@ def map_live(
     watch: Callable[[Moment], None],
     save: Callable[[], None],
     asked_to_stop: Callable[[], int] = lambda: 0,
+    pace: Pace | None = None,
 ) -> int:
     """Map until the source ends or somebody asks to stop; returns the number of frames that were mapped.
 
@@ -52,6 +54,7 @@ def map_live(
         watch: is shown every frame right after its step; it should not take long.
         save: writes what is there, between two frames, when it is asked for.
         asked_to_stop: of `signals_noted`.
+        pace: gives up what it must to keep up with the camera; None: nothing but frames.
     """
     count = 0
     while not controls.stop.is_set() and not asked_to_stop():
@@ -67,6 +70,9 @@ def map_live(
             continue
         result = mapper.step(arrived.frame)
         count += 1
-        watch(Moment(arrived, result, time.monotonic(), frames.dropped))
+        moment = Moment(arrived, result, time.monotonic(), frames.dropped)
+        if pace is not None:
+            pace.observe(arrived.frame.time, result, moment.delay_s, frames.dropped)
+        watch(moment)
     mapper.settle()
     return count

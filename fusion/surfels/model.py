@@ -54,6 +54,8 @@ class SurfelModel:
         narrow = [level for level, c in enumerate(self.cameras) if c.width <= config.track.view_width]
         self.view_level = min(narrow, default=LEVELS - 1)
         """The pyramid level that frames are registered on at last."""
+        self.predict_every = config.track.predict_every
+        """Frames from one prediction to the next at most; a live session that has to keep up changes it."""
         self.maps = self.views.empty(self.view_level)
         """The active model as predicted last, on that level."""
         self.view: ModelView | None = None
@@ -111,7 +113,7 @@ class SurfelModel:
     def is_stale(self, T_world_camera: np.ndarray, time: int) -> bool:
         """Whether the view is to be predicted anew: in its turn, or where the camera has left it."""
         track = self.config.track
-        if self.view is None or time % track.predict_every == 0:
+        if self.view is None or time % self.predict_every == 0:
             return True
         return view_is_stale(track, self.view.T_world_camera, T_world_camera)
 

@@ -17,6 +17,7 @@ from dsmap.fusion.mapper import Mapper
 from dsmap.fusion.runs.map_live import Controls, Moment, map_live
 from dsmap.fusion.runs.map_recording import RunState, signals_noted
 from dsmap.fusion.runs.newest_frame import NewestFrame
+from dsmap.fusion.runs.pace import Pace
 from dsmap.ranges import Range
 from dsmap.sequences import open_sequence
 from dsmap.stopping import exit_code
@@ -81,14 +82,14 @@ def main(args: Args) -> int:
                 attempt(write_run, command, state, about)
             said(f"saved after {mapper.time} frames")
 
-        frames = NewestFrame(source.frames())
+        frames, pace = NewestFrame(source.frames()), Pace(mapper)
         try:
-            map_live(mapper, frames, controls, watch, save, asked_to_stop)
+            map_live(mapper, frames, controls, watch, save, asked_to_stop, pace)
         finally:
             frames.close()
             if mapper.time:
                 save()
-        print(f"{frames.dropped} frames came too fast and were dropped")
+        print(pace.summary(frames.dropped))
         report(state, args.out)
         stopped = asked_to_stop()
     return exit_code(stopped) if stopped else 0
