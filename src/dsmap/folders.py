@@ -1,8 +1,13 @@
 """Folders that a command writes for a long time: one process at a time, and nothing left of one that was killed."""
 
+import atexit
 import contextlib
 import os
 import re
+import shutil
+import stat
+import tempfile
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -16,6 +21,8 @@ except ImportError:  # not a Unix: nothing to lock with
 _TEMPORARY = re.compile(r"\..+\.\d+\.tmp(\.\w+)?")
 """Names of `files.atomic_path`."""
 
+_YOUNG_S = 60.0
+"""A temporary folder this young may be about to be locked [s]."""
 _held: set[int] = set()
 
 
@@ -65,6 +72,27 @@ def remove_leftovers(folder: Path) -> None:
         for file in sorted(folder.iterdir()):
             if _TEMPORARY.fullmatch(file.name) and file.is_file() and not file.is_symlink():
                 file.unlink()
+
+
+def temporary_folder(kind: str) -> Path:
+    """A new folder among the system's temporary ones, which goes with the process; those of killed ones go now.
+
+    Args:
+        kind: a word for its name.
+    """
+    for old in Path(tempfile.gettempdir()).glob(f"dsmap-{kind}-*"):
+        with contextlib.suppress(OSError, InputError):
+            about = old.lstat()
+            ours = stat.S_ISDIR(about.st_mode) and about.st_uid == os.getuid()
+            if ours and time.time() - about.st_ctime > _YOUNG_S:
+                with locked(old, kind):  # whoever made it is gone
+                    shutil.rmtree(old, ignore_errors=True)
+    folder = Path(tempfile.mkdtemp(prefix=f"dsmap-{kind}-"))
+    held = contextlib.ExitStack()
+    held.callback(shutil.rmtree, folder, ignore_errors=True)
+    held.enter_context(locked(folder, kind))
+    atexit.register(held.close)
+    return folder
 
 
 def _lock(handle: int, folder: Path, what: str) -> None:

@@ -3,11 +3,13 @@
 import signal
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
+from dsmap import folders
 from dsmap.errors import InputError, WriteError
-from dsmap.folders import locked, remove_leftovers
+from dsmap.folders import locked, remove_leftovers, temporary_folder
 
 _PROGRAM = """
 import os, signal, time, types
@@ -73,3 +75,23 @@ def test_only_our_temporary_files_are_removed(tmp_path):
     remove_leftovers(tmp_path)
     assert {path.name for path in tmp_path.iterdir()} == {*theirs, ".folder.7.tmp"}
     remove_leftovers(tmp_path / "nowhere")
+
+
+def test_a_temporary_folder_goes_with_its_process_or_with_the_next_one(tmp_path, monkeypatch):
+    monkeypatch.setattr(folders.tempfile, "tempdir", str(tmp_path))
+    monkeypatch.setattr(folders, "_YOUNG_S", -1.0)
+    code = (
+        "import sys, time\nfrom dsmap import folders\nfolders.tempfile.tempdir = sys.argv[1]\n"
+        "print(folders.temporary_folder('unpacked'), flush=True)\ntime.sleep(float(sys.argv[2]))"
+    )
+    start = [sys.executable, "-c", code, str(tmp_path)]
+    subprocess.run([*start, "0"], check=True, capture_output=True)
+    assert not list(tmp_path.iterdir()), "gone with its process"
+    with subprocess.Popen([*start, "60"], stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        theirs = Path(process.stdout.readline().strip())
+        ours = temporary_folder("unpacked")
+        assert theirs.is_dir() and ours.is_dir(), "one in use stays"
+        process.kill()
+    again = temporary_folder("unpacked")
+    assert not theirs.exists() and ours.is_dir() and again.is_dir()

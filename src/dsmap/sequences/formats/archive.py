@@ -1,15 +1,14 @@
 """A `.zip` or `.tar` (`.tgz`, ...) of any recording, unpacked into a folder that goes with the process."""
 
-import atexit
 import shutil
 import stat
 import tarfile
-import tempfile
 import zipfile
 from collections.abc import Callable
 from pathlib import Path, PurePosixPath
 
 from dsmap.errors import InputError
+from dsmap.folders import temporary_folder
 
 _SUFFIXES = (".zip", ".tar", ".tgz", ".tar.gz", ".tar.bz2", ".tbz2", ".tar.xz", ".txz")
 _MAX_FILES = 2_000_000
@@ -35,9 +34,9 @@ def unpack(path: Path, is_recording: Callable[[Path], bool]) -> Path:
     state = path.stat()
     key = (str(path.resolve()), state.st_mtime_ns, state.st_size)
     if key not in _unpacked:
-        holder = Path(tempfile.mkdtemp(prefix="dsmap-"))
-        atexit.register(shutil.rmtree, holder, ignore_errors=True)
-        folder = holder / path.name.split(".")[0]  # known cameras are found by the folder's name
+        folder = (
+            temporary_folder("unpacked") / path.name.split(".")[0]
+        )  # known cameras are found by the folder's name
         folder.mkdir()
         try:
             _extract(path, folder)
