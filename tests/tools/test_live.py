@@ -176,7 +176,7 @@ def test_the_command_writes_a_run(tmp_path, capsys):
         ([], "expected one source"),
         (["realsense", "--replay", "x"], "expected one source"),
         (["webcam"], "webcam: no such source"),
-        (["nowhere:camera"], "nowhere:camera cannot be used"),
+        (["nowhere:camera"], "nowhere:camera cannot be loaded"),
         (["dsmap.fusion.runs.map_live:Controls"], "returned Controls; expected something with `intrinsics`"),
         (["record3d", "--poses", "given"], "expected --poses track"),
         (["record3d", "--size", "64x48"], "--size is for --replay"),

@@ -1,7 +1,6 @@
 """Where live frames come from: a recording at its own speed, a camera, or the user's own code."""
 
 import importlib
-import sys
 import time
 import warnings
 from collections.abc import Callable, Iterator
@@ -11,6 +10,7 @@ from typing import Protocol
 from dsmap.errors import InputError, InputWarning
 from dsmap.frame import Frame, Intrinsics
 from dsmap.sequences import Sequence
+from dsmap.tools.support.user_code import made_by
 
 
 class LiveSource(Protocol):
@@ -70,25 +70,11 @@ def open_source(name: str) -> LiveSource:
             if (error.name or "").split(".")[0] != package:
                 raise
             raise InputError(f"{name}: needs {package}; install it with: pip install {package}") from error
-    module_name, colon, factory_name = name.partition(":")
-    if not colon:
+    if ":" not in name:
         raise InputError(
             f"{name}: no such source; expected {', '.join(CAMERAS)}, module:factory, or --replay {Path(name)}"
         )
-    return _from_factory(module_name, factory_name)
-
-
-def _from_factory(module_name: str, factory_name: str) -> LiveSource:
-    if "" not in sys.path:
-        sys.path.insert(0, "")  # a console script does not look into the current folder by itself
-    name = f"{module_name}:{factory_name}"
-    try:
-        source = getattr(importlib.import_module(module_name), factory_name)()
-    except Exception as error:  # whatever the user's code raises
-        raise InputError(
-            f"{name} cannot be used ({type(error).__name__}: {error}); expected an importable module with a factory "
-            "that returns a source"
-        ) from error
+    source = made_by(name, "SOURCE", "a source")
     if not isinstance(getattr(source, "intrinsics", None), Intrinsics) or not callable(
         getattr(source, "frames", None)
     ):

@@ -1,7 +1,5 @@
 """From a `--segmenter` word to the segmenter itself, for every command that needs one."""
 
-import importlib
-import sys
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
@@ -11,6 +9,7 @@ from dsmap.errors import InputError
 from dsmap.fusion.labels.semantics import GroundTruthSegmenter, Noise
 from dsmap.fusion.segmenter import Segmenter
 from dsmap.ranges import Seed, Share
+from dsmap.tools.support.user_code import made_by
 
 
 @dataclass
@@ -67,23 +66,4 @@ def make_segmenter(spec: SegmenterSpec, device: str = "cpu", code: bool = False)
         raise InputError(
             f"a file names the code {spec.kind} as its segmenter; expected --segmenter {spec.kind} on the command line"
         )
-    module_name, _, factory_name = spec.kind.partition(":")
-    return _from_factory(module_name, factory_name)
-
-
-def _from_factory(module_name: str, factory_name: str) -> Any:
-    if "" not in sys.path:
-        sys.path.append("")  # last: nothing in the current folder may pass for a part of dsmap or of Python
-    try:
-        factory = getattr(importlib.import_module(module_name), factory_name)
-    except (ImportError, AttributeError, ValueError, SyntaxError) as error:
-        raise InputError(
-            f"--segmenter {module_name}:{factory_name} cannot be loaded ({error}); expected an importable "
-            "module with a factory that returns a segmenter"
-        ) from error
-    try:
-        return factory()
-    except Exception as error:  # code of the user's own
-        raise InputError(
-            f"--segmenter {module_name}:{factory_name} raised {type(error).__name__} ({error}); expected a segmenter"
-        ) from error
+    return made_by(spec.kind, "--segmenter", "a segmenter")
