@@ -12,7 +12,7 @@ from dsmap.kernels.coverage import MapView, find_uncovered
 from dsmap.kernels.launch import Slice, launch_rows
 from dsmap.kernels.pixel_min import scratch
 from dsmap.kernels.prefetch import AHEAD, fetch_early
-from dsmap.kernels.types import FrameMaps, SurfelMap
+from dsmap.kernels.types import FrameImages, FrameMaps, SurfelArrays, SurfelMap
 
 SIGMA = 0.6
 """Width of the sample weight over the normalised distance from the image centre (Keller et al. 2013)."""
@@ -90,22 +90,20 @@ def _find_new(
     s: Slice,
     camera: Camera,
     T_camera_world: wp.mat44,
-    vertex_map: wp.array2d(dtype=wp.vec3),
-    normal_map: wp.array2d(dtype=wp.vec3),
-    edge: wp.array2d(dtype=wp.uint8),
+    frame: FrameImages,
     match: wp.array2d(dtype=wp.int32),
-    position: wp.array(dtype=wp.vec3),
+    m: SurfelArrays,
     is_new: wp.array2d(dtype=wp.int32),
 ):
     row, lane = wp.tid()
     y = s.first + s.stride * row
     for x in range(lane, camera.width, s.step):
         new = int(0)
-        if match[y, x] == -1 and edge[y, x] == wp.uint8(0):
-            v = vertex_map[y, x]
-            n = normal_map[y, x]
+        if match[y, x] == -1 and frame.edge[y, x] == wp.uint8(0):
+            v = frame.vertex[y, x]
+            n = frame.normal[y, x]
             measured = v[2] > 0.0 and wp.dot(n, n) > 0.0
-            if measured and not _is_represented(camera, T_camera_world, x, y, v, n, match, position):
+            if measured and not _is_represented(camera, T_camera_world, x, y, v, n, match, m.position):
                 new = 1
         is_new[y, x] = new
 
@@ -118,45 +116,39 @@ def _average(
     fusion: Fusion,
     columns: wp.array(dtype=wp.float32),
     rows: wp.array(dtype=wp.float32),
-    vertex_map: wp.array2d(dtype=wp.vec3),
-    normal_map: wp.array2d(dtype=wp.vec3),
-    colour_map: wp.array2d(dtype=wp.vec3),
-    radius_map: wp.array2d(dtype=wp.float32),
+    frame: FrameImages,
     match: wp.array2d(dtype=wp.int32),
-    position: wp.array(dtype=wp.vec3),
-    normal: wp.array(dtype=wp.vec3),
-    colour: wp.array(dtype=wp.vec3),
-    weight: wp.array(dtype=wp.float32),
-    radius: wp.array(dtype=wp.float32),
-    t_updated: wp.array(dtype=wp.int32),
+    m: SurfelArrays,
 ):
     row, lane = wp.tid()
     y = s.first + s.stride * row
     for x in range(lane, camera.width, s.step):
         soon = match[y, wp.min(x + AHEAD, camera.width - 1)]
-        fetch_early(position, soon)
-        fetch_early(normal, soon)
-        fetch_early(colour, soon)
-        fetch_early(weight, soon)
-        fetch_early(radius, soon)
-        fetch_early(t_updated, soon)
+        fetch_early(m.position, soon)
+        fetch_early(m.normal, soon)
+        fetch_early(m.colour, soon)
+        fetch_early(m.weight, soon)
+        fetch_early(m.radius, soon)
+        fetch_early(m.t_updated, soon)
         i = match[y, x]
         if i >= 0:
-            w = weight[i]
+            w = m.weight[i]
             a = columns[x] * rows[y]
-            size = wp.max(radius_map[y, x], fusion.resolution)
-            if size < RADIUS_RATIO * radius[i]:
+            size = wp.max(frame.radius[y, x], fusion.resolution)
+            if size < RADIUS_RATIO * m.radius[i]:
                 share = a / (w + a)
-                position[i] = wp.lerp(position[i], transform(T_world_camera, vertex_map[y, x]), share)
-                normal[i] = wp.normalize(wp.lerp(normal[i], rotate(T_world_camera, normal_map[y, x]), share))
+                m.position[i] = wp.lerp(m.position[i], transform(T_world_camera, frame.vertex[y, x]), share)
+                m.normal[i] = wp.normalize(
+                    wp.lerp(m.normal[i], rotate(T_world_camera, frame.normal[y, x]), share)
+                )
                 if fusion.colours > 0:
-                    if colour[i][0] == NO_COLOUR:
-                        colour[i] = colour_map[y, x]
+                    if m.colour[i][0] == NO_COLOUR:
+                        m.colour[i] = frame.colour[y, x]
                     elif fusion.colours == 2:
-                        colour[i] = wp.lerp(colour[i], colour_map[y, x], share)
-                radius[i] = wp.lerp(radius[i], size, share)
-            weight[i] = wp.min(w + a, fusion.max_weight)
-            t_updated[i] = fusion.time
+                        m.colour[i] = wp.lerp(m.colour[i], frame.colour[y, x], share)
+                m.radius[i] = wp.lerp(m.radius[i], size, share)
+            m.weight[i] = wp.min(w + a, fusion.max_weight)
+            m.t_updated[i] = fusion.time
 
 
 @wp.kernel
@@ -169,42 +161,29 @@ def _insert(
     rows: wp.array(dtype=wp.float32),
     first: int,
     rank: wp.array(dtype=wp.int32),
-    vertex_map: wp.array2d(dtype=wp.vec3),
-    normal_map: wp.array2d(dtype=wp.vec3),
-    colour_map: wp.array2d(dtype=wp.vec3),
-    radius_map: wp.array2d(dtype=wp.float32),
+    frame: FrameImages,
     is_new: wp.array2d(dtype=wp.int32),
-    position: wp.array(dtype=wp.vec3),
-    normal: wp.array(dtype=wp.vec3),
-    colour: wp.array(dtype=wp.vec3),
-    weight: wp.array(dtype=wp.float32),
-    radius: wp.array(dtype=wp.float32),
-    t_created: wp.array(dtype=wp.int32),
-    t_updated: wp.array(dtype=wp.int32),
-    label: wp.array(dtype=wp.uint8),
-    observations: wp.array(dtype=wp.float32),
-    evidence: wp.array2d(dtype=wp.float32),
-    segment: wp.array(dtype=wp.int32),
+    m: SurfelArrays,
 ):
     row, lane = wp.tid()
     y = s.first + s.stride * row
     for x in range(lane, camera.width, s.step):
         if is_new[y, x] == 1:
             i = first + rank[y * camera.width + x]
-            position[i] = transform(T_world_camera, vertex_map[y, x])
-            normal[i] = rotate(T_world_camera, normal_map[y, x])
-            colour[i] = wp.vec3(NO_COLOUR, NO_COLOUR, NO_COLOUR)
+            m.position[i] = transform(T_world_camera, frame.vertex[y, x])
+            m.normal[i] = rotate(T_world_camera, frame.normal[y, x])
+            m.colour[i] = wp.vec3(NO_COLOUR, NO_COLOUR, NO_COLOUR)
             if fusion.colours > 0:
-                colour[i] = colour_map[y, x]
-            weight[i] = columns[x] * rows[y]
-            radius[i] = wp.max(radius_map[y, x], fusion.resolution)
-            t_created[i] = fusion.time
-            t_updated[i] = fusion.time
-            label[i] = wp.uint8(0)
-            observations[i] = 0.0
-            for k in range(evidence.shape[1]):
-                evidence[i, k] = 0.0
-            segment[i] = 0
+                m.colour[i] = frame.colour[y, x]
+            m.weight[i] = columns[x] * rows[y]
+            m.radius[i] = wp.max(frame.radius[y, x], fusion.resolution)
+            m.t_created[i] = fusion.time
+            m.t_updated[i] = fusion.time
+            m.label[i] = wp.uint8(0)
+            m.observations[i] = 0.0
+            for k in range(m.evidence.shape[1]):
+                m.evidence[i, k] = 0.0
+            m.segment[i] = 0
 
 
 def fuse_frame(
@@ -243,14 +222,14 @@ def fuse_frame(
     fusion = Fusion()
     fusion.time, fusion.max_weight, fusion.colours = time, max_weight, int(colours)
     fusion.resolution = resolution
+    images = frame.images
     columns, rows = _sample_weights(camera.width, camera.height, str(device))
     is_new = scratch("is new", shape, wp.int32, device)
     if resolution == 0:
-        inputs = [camera, from_world, frame.vertex, frame.normal, frame.edge, match, m.position]
+        inputs = [camera, from_world, images, match, m.arrays]
         launch_rows(_find_new, *shape, inputs, [is_new], device)
-    maps = [frame.vertex, frame.normal, frame.colour, frame.radius]
-    outputs = [m.position, m.normal, m.colour, m.weight, m.radius, m.t_updated]
-    launch_rows(_average, *shape, [camera, to_world, fusion, columns, rows, *maps, match], outputs, device)
+    inputs = [camera, to_world, fusion, columns, rows, images, match, m.arrays]
+    launch_rows(_average, *shape, inputs, [], device)
     if resolution > 0 and grows:
         find_uncovered(camera, T_world_camera, frame, match, resolution, view, is_new)
     if not grows:
@@ -258,10 +237,8 @@ def fuse_frame(
     rank, inserted = _ranks(is_new)
     if inserted:
         m.reserve(m.count + inserted)
-        inputs = [camera, to_world, fusion, columns, rows, m.count, rank, *maps, is_new]
-        outputs = [m.position, m.normal, m.colour, m.weight, m.radius, m.t_created, m.t_updated]
-        labels = [m.label, m.observations, m.evidence, m.segment]
-        launch_rows(_insert, *shape, inputs, [*outputs, *labels], device)
+        inputs = [camera, to_world, fusion, columns, rows, m.count, rank, images, is_new, m.arrays]
+        launch_rows(_insert, *shape, inputs, [], device)
         m.count += inserted
     return inserted
 

@@ -20,6 +20,17 @@ ADDRESSES = 1 << 25
 row, so that up to this size growing copies nothing and no frame waits for it; beyond, and on CUDA, it copies."""
 
 
+@wp.struct
+class FrameImages:
+    """What fusion takes from the finest FrameMaps of a frame (see there), as kernels take it."""
+
+    vertex: wp.array2d(dtype=wp.vec3)
+    normal: wp.array2d(dtype=wp.vec3)
+    colour: wp.array2d(dtype=wp.vec3)
+    radius: wp.array2d(dtype=wp.float32)
+    edge: wp.array2d(dtype=wp.uint8)
+
+
 @dataclass
 class FrameMaps:
     """Maps of one camera frame at one pyramid level, in the camera frame. Shapes (H, W)."""
@@ -31,6 +42,14 @@ class FrameMaps:
     radius: Any = None  # float32 [m], level 0 only
     colour: Any = None  # vec3 RGB in [0, 1], level 0 only
     edge: Any = None  # uint8, 1 on depth edges, level 0 only
+
+    @property
+    def images(self) -> FrameImages:
+        """Level 0 as kernels take it."""
+        images = FrameImages()
+        for name in FrameImages.vars:
+            setattr(images, name, getattr(self, name))
+        return images
 
     @property
     def surface(self) -> "Surface":
@@ -85,6 +104,7 @@ class SurfelArrays:
     label: wp.array(dtype=wp.uint8)
     observations: wp.array(dtype=wp.float32)
     evidence: wp.array2d(dtype=wp.float32)
+    segment: wp.array(dtype=wp.int32)
 
 
 @dataclass

@@ -38,7 +38,7 @@ def run_cells(cells: Sequence[Cell], out: Path, report: Report = print) -> dict[
         file = out / cell.name / "cell.json"
         settings = as_read_back(cell.settings)
         if file.exists():
-            stored = read_json(file)
+            stored = read_cell(file)
             if stored.get("settings") != settings:
                 changed = _changed(stored.get("settings"), settings)
                 raise InputError(
@@ -60,7 +60,7 @@ def _changed(stored: Any, settings: dict) -> str:
     return ", ".join(f"{name} {stored.get(name)} (now {settings.get(name)})" for name in names)
 
 
-def read_json(file: Path) -> dict:
+def read_cell(file: Path) -> dict:
     """A JSON file of ours.
 
     Raises:

@@ -185,11 +185,16 @@ def render_sequence(
                     instance=frame.instance,
                 )
     for path, what in targets:
-        write_mesh(Path(path) / "mesh.ply", LabelledMesh(*take.scene.surface(moving=False)))
-        if take.T_world_body is not None:
-            bodies, times = take.scene.bodies, np.arange(len(take.poses)) / options.fps
-            names, instances = [b.name for b in bodies], [b.instance for b in bodies]
-            write_bodies(path, times, names, instances, take.T_world_body)
-        record = {k: v for k, v in asdict(what).items() if k != "jobs"}
-        write_json(Path(path) / "scene.json", {"dsmap": version("dsmap"), "options": record}, indent=2)
+        _write_truth(Path(path), what, take)
     return Path(out)
+
+
+def _write_truth(path: Path, options: RenderOptions, take: Take) -> None:
+    """What belongs to the recording as a whole: its surface, what moves in it, how it was made."""
+    write_mesh(path / "mesh.ply", LabelledMesh(*take.scene.surface(moving=False)))
+    if take.T_world_body is not None:
+        bodies, times = take.scene.bodies, np.arange(len(take.poses)) / options.fps
+        names, instances = [b.name for b in bodies], [b.instance for b in bodies]
+        write_bodies(path, times, names, instances, take.T_world_body)
+    record = {k: v for k, v in asdict(options).items() if k != "jobs"}
+    write_json(path / "scene.json", {"dsmap": version("dsmap"), "options": record}, indent=2)
