@@ -110,8 +110,9 @@ def _distances(
 def _paint(
     s: Slice, grid: wp.uint64, spread: float, reach: float, points: wp.array(dtype=wp.vec3),
     position: wp.array(dtype=wp.vec3), normal: wp.array(dtype=wp.vec3), colour: wp.array(dtype=wp.vec3),
-    weight: wp.array(dtype=wp.float32), label: wp.array(dtype=wp.uint8),
+    weight: wp.array(dtype=wp.float32), radius: wp.array(dtype=wp.float32), label: wp.array(dtype=wp.uint8),
     out_normal: wp.array(dtype=wp.vec3), out_colour: wp.array(dtype=wp.vec3), out_label: wp.array(dtype=wp.uint8),
+    out_off: wp.array(dtype=wp.float32),
 ):  # fmt: skip
     block = s.first + s.stride * wp.tid()
     for item in range(block * s.step, wp.min((block + 1) * s.step, s.count)):
@@ -120,8 +121,10 @@ def _paint(
         n = wp.vec3(0.0, 0.0, 0.0)
         c = wp.vec3(0.0, 0.0, 0.0)
         weights = float(0.0)
+        off = float(UNKNOWN)
         votes = _votes()
         if near >= 0:
+            off = wp.length(x - position[near]) / (RIM * radius[near])
             query = wp.hash_grid_query(grid, x, reach)
             i = int(0)
             while wp.hash_grid_query_next(query, i):
@@ -145,6 +148,7 @@ def _paint(
         out_normal[item] = wp.normalize(n)
         out_colour[item] = c
         out_label[item] = wp.uint8(best)
+        out_off[item] = off
 
 
 def surface_distance(
@@ -171,16 +175,17 @@ def surface_distance(
 
 def paint_points(
     points: SurfelPoints, vertices: np.ndarray, spread: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Normals (N, 3), colours RGB in [0, 1] (N, 3) and classes uint8 (N,) of points on the surface, shape (N, 3) [m].
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Normals (N, 3), colours RGB in [0, 1] (N, 3), classes uint8 (N,) of points on the surface, shape (N, 3) [m],
+    and how far they are from the nearest surfel's centre (N,), in its radius out to its rim: more than 1 is beyond it.
 
     Normal and colour are means of the surfels about a point, weighted as in `surface_distance`; the class is the one
     with the most weight, 0 where none has a class.
     """
     device, count = points.position.device, len(vertices)
     at = wp.array(np.ascontiguousarray(vertices, dtype=np.float32), dtype=wp.vec3, device=device)
-    out = [wp.empty(count, dtype=kind, device=device) for kind in (wp.vec3, wp.vec3, wp.uint8)]
-    surfels = [points.position, points.normal, points.colour, points.weight, points.label]
+    out = [wp.empty(count, dtype=kind, device=device) for kind in (wp.vec3, wp.vec3, wp.uint8, wp.float32)]
+    surfels = [points.position, points.normal, points.colour, points.weight, points.radius, points.label]
     launch_items(_paint, count, [points.grid.id, spread, points.reach, at, *surfels], out, device)
-    normal, colour, label = (array.numpy() for array in out)
-    return normal, colour, label
+    normal, colour, label, off = (array.numpy() for array in out)
+    return normal, colour, label, off

@@ -31,7 +31,8 @@ _ENOUGH = 3
 _MARGIN = 2
 """Unknown cells around the map."""
 _GAP = 1
-"""Gaps in the floor of up to twice so many cells are closed: between two surfels there is floor."""
+"""Gaps of up to twice so many cells are closed, in the floor and in what stands on it: between two surfels there is
+more of the same."""
 FREE, OCCUPIED, UNKNOWN = 254, 0, 205
 """Values of the PGM, as map_saver writes them."""
 
@@ -79,7 +80,9 @@ def occupancy_grid(
     low = np.floor(points[:, :2].min(axis=0) / cell) * cell - _MARGIN * cell
     index = np.floor((points[:, :2] - low) / cell).astype(int)
     shape = tuple(index.max(axis=0) + 1 + _MARGIN)
-    occupied = _count(index[in_the_way], shape) >= _ENOUGH
+    standing = _count(index[in_the_way], shape) >= _ENOUGH
+    # A table top of which some cells were hardly seen has no holes.
+    occupied = standing | ndimage.binary_closing(standing, np.ones((3, 3), bool), iterations=_GAP)
     seen = _count(index[floor], shape) > 0
     # Closing must not reach over an obstacle: the other side of a thin wall is another room.
     closed = ndimage.binary_closing(seen, np.ones((3, 3), bool), iterations=_GAP)

@@ -19,8 +19,10 @@ _SPREAD = 1.0
 """Standard deviation of their weight, in voxels."""
 _BLOCK = 32
 """Voxels along the side of a block."""
-_JUMP = 1.8
+_JUMP = 1.15
 """A distance that changes by more than so many edges along an edge is none: two surfaces meet there."""
+_BESIDE = 1.5
+"""Vertices further from every surfel than so many times its rim lie between two surfaces, not on one."""
 _SMALLEST_M2 = 0.002
 """Pieces of less area are noise."""
 
@@ -60,12 +62,15 @@ def surface_of(surfels: dict[str, np.ndarray], voxel: float = VOXEL_M, device: s
     points = surfel_points(kept, _REACH * voxel, device)
     parts = [_extract(points, block, voxel) for block in _blocks(kept["position"], voxel)]
     vertices, faces = _join([part for part in parts if part is not None])
-    vertices, faces = _without_specks(vertices * voxel, faces)
+    vertices *= voxel
+    looks = paint_points(points, vertices, _SPREAD * voxel)
+    on_surface = looks[3] < _BESIDE
+    used, faces = _without_specks(vertices, faces[on_surface[faces].all(axis=1)])
     if not len(faces):
         raise InputError(f"the surfels make no surface of voxels of {voxel} m, expected larger ones")
-    normal, colour, label = paint_points(points, vertices, _SPREAD * voxel)
+    normal, colour, label = (array[used] for array in looks[:3])
     rgb = np.rint(colour.clip(0, 1) * 255).astype(np.uint8)
-    return Surface(vertices.astype(np.float32), faces.astype(np.int32), normal, rgb, label)
+    return Surface(vertices[used].astype(np.float32), faces.astype(np.int32), normal, rgb, label)
 
 
 def _blocks(position: np.ndarray, voxel: float) -> np.ndarray:
@@ -117,26 +122,20 @@ def _join(parts: list[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.nd
     vertices = np.concatenate([v for v, _ in parts])
     faces = np.concatenate([f + start for (_, f), start in zip(parts, starts, strict=True)])
     vertices, inverse = np.unique(vertices, axis=0, return_inverse=True)
-    return _used(vertices, inverse.reshape(-1)[faces])
+    return vertices, inverse.reshape(-1)[faces]
 
 
 def _without_specks(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The mesh without faces of no area and without pieces smaller than _SMALLEST_M2."""
+    """Vertices that are in use, and the faces with their new numbers: without faces of no area, and without pieces
+    smaller than _SMALLEST_M2."""
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
     distinct = (faces != np.roll(faces, 1, axis=1)).all(axis=1)
     faces, area = faces[distinct], area[distinct]
-    if not len(faces):
-        return vertices, faces
-    ends = np.concatenate([faces[:, :2], faces[:, 1:]])
-    graph = coo_array((np.ones(len(ends), bool), ends.T), shape=(len(vertices),) * 2)
-    _, piece = connected_components(graph, directed=False)
-    of_face = piece[faces[:, 0]]
-    total = np.bincount(of_face, weights=area, minlength=piece.max() + 1)
-    return _used(vertices, faces[total[of_face] >= _SMALLEST_M2])
-
-
-def _used(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Without vertices that no face has."""
+    if len(faces):
+        ends = np.concatenate([faces[:, :2], faces[:, 1:]])
+        graph = coo_array((np.ones(len(ends), bool), ends.T), shape=(len(vertices),) * 2)
+        piece = connected_components(graph, directed=False)[1][faces[:, 0]]
+        faces = faces[np.bincount(piece, weights=area)[piece] >= _SMALLEST_M2]
     used, renumbered = np.unique(faces, return_inverse=True)
-    return vertices[used], renumbered.reshape(-1, 3)
+    return used, renumbered.reshape(-1, 3)
