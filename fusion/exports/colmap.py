@@ -20,7 +20,7 @@ def export_colmap(sequence: Sequence, out: Path, surfels: dict[str, np.ndarray] 
     """Write `images/` and `sparse/0/` with cameras.txt, images.txt and points3D.txt; returns the number of images.
 
     Poses are world-to-camera; COLMAP's pixel centres lie at .5, ours at integers. A camera is PINHOLE, or with
-    distortion (a recording opened without `undistort`) OPENCV.
+    distortion (a recording opened without `undistort`) FULL_OPENCV or OPENCV_FISHEYE.
 
     Args:
         sequence: frames without a pose are left out. Of a `RunFrames`, a point's track are the images that see it.
@@ -73,13 +73,12 @@ def _sample(surfels: dict[str, np.ndarray] | None) -> np.ndarray:
 
 def _camera(k: Intrinsics) -> str:
     values = [k.fx, k.fy, k.cx + 0.5, k.cy + 0.5]
-    model = "PINHOLE"
-    if k.distortion is not None and model_of(k.distortion) == "fisheye":
-        model, values = "OPENCV_FISHEYE", [*values, *k.distortion]
-    elif k.distortion is not None:
-        full = any(k.distortion[4:])
-        model = "FULL_OPENCV" if full else "OPENCV"
-        values += [*k.distortion, 0.0, 0.0, 0.0][:8] if full else k.distortion[:4]
+    model, more = "PINHOLE", ()
+    if k.distortion is not None:
+        lens = model_of(k.distortion)
+        model = "OPENCV_FISHEYE" if lens == "fisheye" else "FULL_OPENCV"
+        more = (*k.distortion, 0.0, 0.0, 0.0) if lens == "radtan" else k.distortion
+    values += more
     return f"1 {model} {k.width} {k.height} " + " ".join(f"{v:.9g}" for v in values)
 
 

@@ -1,10 +1,13 @@
 """nerfstudio's `transforms.json` with images, depth and, of a run, points to begin with."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from dsmap.errors import InputError
 from dsmap.files import write_json
+from dsmap.frame import Intrinsics
 from dsmap.fusion.exports.images import posed_frames, write_png
 from dsmap.fusion.exports.ply import write_ply
 from dsmap.lens import MODELS, model_of
@@ -39,15 +42,27 @@ def export_nerfstudio(sequence: Sequence, out: Path, surfels: dict[str, np.ndarr
                 "transform_matrix": matrix.tolist(),
             }
         )
-    camera = {"camera_model": "OPENCV", "w": k.width, "h": k.height, "fl_x": k.fx, "fl_y": k.fy}
-    # nerfstudio's pixel centres lie at .5, ours at integers.
-    content = camera | {"cx": k.cx + 0.5, "cy": k.cy + 0.5}
-    if k.distortion is not None:
-        model = model_of(k.distortion)
-        content |= dict(zip(MODELS[model], map(float, k.distortion), strict=True))
-        content["camera_model"] = "OPENCV_FISHEYE" if model == "fisheye" else "OPENCV"
+    camera = _camera(k)
     if surfels is not None:
         write_ply(out / "points.ply", surfels)
-        content["ply_file_path"] = "points.ply"
-    write_json(out / "transforms.json", content | {"frames": frames})
+        camera["ply_file_path"] = "points.ply"
+    write_json(out / "transforms.json", camera | {"frames": frames})
     return len(frames)
+
+
+def _camera(k: Intrinsics) -> dict[str, Any]:
+    """nerfstudio's words for a camera; its pixel centres lie at .5, ours at integers."""
+    lens = model_of(k.distortion)
+    if lens == "rational":
+        raise InputError(
+            "nerfstudio knows no rational lens distortion, expected it to be taken out (--undistort)"
+        )
+    values = {
+        "camera_model": "OPENCV_FISHEYE" if lens == "fisheye" else "OPENCV",
+        "w": k.width,
+        "h": k.height,
+    }
+    values |= {"fl_x": k.fx, "fl_y": k.fy, "cx": k.cx + 0.5, "cy": k.cy + 0.5}
+    if k.distortion is not None:
+        values |= dict(zip(MODELS[lens], map(float, k.distortion), strict=True))
+    return values

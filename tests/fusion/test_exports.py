@@ -16,7 +16,7 @@ from synthetic_map import SIZE, TABLE, room_arrays
 
 from dsmap.classes import NUM_CLASSES, PALETTE
 from dsmap.errors import InputError
-from dsmap.fusion.exports import mesh, points, surface, trajectory
+from dsmap.fusion.exports import colmap, mesh, points, surface, trajectory
 from dsmap.fusion.exports.formats import FORMATS, Job, write
 from dsmap.fusion.exports.level import level_frame
 from dsmap.fusion.exports.occupancy import FREE, OCCUPIED, UNKNOWN, occupancy_grid, write_occupancy
@@ -339,6 +339,27 @@ def test_colmap_projects_the_map_into_its_pixels(tmp_path, run, frames):
     pixels, world = _seen(frames, run, 5)
     found = np.array([image.project_point(point) for point in world.astype(np.float64)])
     _hit(found, pixels)
+
+
+LENSES = {
+    "radtan": (0.1, -0.05, 0.001, 0.002, 0.01),
+    "rational": (0.1, -0.05, 0.0, 0.0, 0.01, 0.2, 0.1, 0.02),
+    "fisheye": (0.02, -0.01, 0.004, -0.001),
+}
+
+
+@pytest.mark.parametrize("distortion", LENSES.values(), ids=LENSES)
+def test_a_distorted_camera_is_colmaps_camera(tmp_path, distortion):
+    pycolmap, rays = pytest.importorskip("pycolmap"), np.array([[0.2, -0.3, 1.0], [-0.4, 0.1, 1.0]])
+    text = colmap._camera(replace(INTRINSICS, distortion=distortion))
+    (tmp_path / "cameras.txt").write_text(text + "\n")
+    for name in ("images.txt", "points3D.txt"):
+        (tmp_path / name).write_text("")
+    found = pycolmap.Reconstruction(str(tmp_path)).cameras[1].img_from_cam(rays)
+    project = cv2.fisheye.projectPoints if len(distortion) == 4 else cv2.projectPoints
+    points = rays[:, None] if len(distortion) == 4 else rays
+    expected = project(points, np.zeros(3), np.zeros(3), INTRINSICS.K, np.array(distortion))[0].reshape(-1, 2)
+    assert np.allclose(found, expected + 0.5, atol=1e-6)
 
 
 def test_labels_2d_is_the_map_in_every_frame(tmp_path, run, frames, recording):
