@@ -73,8 +73,14 @@ def load_run(path: Path | str, device: Any = "cpu") -> SavedRun:
             raise InputError(
                 f"{folder / 'config.yaml'}: found {part} {brief(settings[part])}, expected {_EXPECTED}"
             )
+    recording = settings.get("sequence", {})
+    odd = next((key for key in _TEXTS if not isinstance(recording.get(key), str | None)), None)
+    if odd is not None:
+        raise InputError(
+            f"{folder / 'config.yaml'}: found {odd} {brief(recording[odd])}, expected {_EXPECTED}"
+        )
     loops = _read(folder / "loops.json", read_json).get("loops")
-    if loops is not None and not (isinstance(loops, list) and all(isinstance(loop, dict) for loop in loops)):
+    if loops is not None and not (isinstance(loops, list) and all(map(_is_loop, loops))):
         raise InputError(f"{folder / 'loops.json'}: found {brief(loops)}, expected {_EXPECTED}")
     stats = _read(folder / "stats.json", read_json)
     return SavedRun(
@@ -84,6 +90,14 @@ def load_run(path: Path | str, device: Any = "cpu") -> SavedRun:
 
 
 _EXPECTED = "what `dsmap map` wrote"
+_TEXTS = ("path", "pose_convention", "label_map", "color_topic", "depth_topic")
+"""What config.yaml says of the recording in words."""
+
+
+def _is_loop(loop: Any) -> bool:
+    if not isinstance(loop, dict) or not isinstance(loop.get("kind", ""), str):
+        return False
+    return isinstance(loop.get("nodes", 1), int | float)
 
 
 def pair_frames(run: SavedRun, reference: Sequence) -> list[tuple[int, int]]:

@@ -11,7 +11,8 @@ from typing import Any
 
 from dsmap.config_file import merged_values
 from dsmap.errors import InputError
-from dsmap.plain import read_yaml
+from dsmap.plain import brief, read_yaml
+from dsmap.ranges import as_flag, check_ranges
 
 OPTIONS = ("about", "places", "stages")
 """Keys of a recipe that are no options of a stage."""
@@ -50,7 +51,10 @@ def load_recipe(name: str, places: tuple[str, ...] = ()) -> list[Stage]:
         raise InputError(f"--recipe {name}: expected `stages`, a list of options of dsmap train")
     if any("=" not in place for place in places):
         raise InputError(f"--places: found {' '.join(places)}, expected NAME=PATH")
-    known = {**(recipe.get("places") or {}), **dict(place.split("=", 1) for place in places)}
+    stated = recipe.get("places") or {}
+    if not isinstance(stated, dict):
+        raise InputError(f"--recipe {name}: found places {brief(stated)}, expected names and paths")
+    known = {**stated, **dict(place.split("=", 1) for place in places)}
     common = {key: value for key, value in recipe.items() if key not in OPTIONS}
     result = []
     for number, stage in enumerate(stages, start=1):
@@ -101,7 +105,9 @@ def parse_stage(stage: Stage, args_type: type, out: Path) -> Any:
     said = io.StringIO()
     try:
         with contextlib.redirect_stderr(said), contextlib.redirect_stdout(said):
-            return tyro.cli(args_type, args=[*stage.argv, "--out", str(out)])
+            args = tyro.cli(args_type, args=[*stage.argv, "--out", str(out)])
+        check_ranges(args, lambda name: f"recipe: stage {stage.name}: {as_flag(name)}")
+        return args
     except SystemExit as error:
         text = " ".join(re.sub(r"[^\x20-\x7e]+", " ", said.getvalue()).split())
         raise InputError(f"recipe: stage {stage.name}: {text[:300]}") from error

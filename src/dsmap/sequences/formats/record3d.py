@@ -8,7 +8,9 @@ import numpy as np
 
 from dsmap.errors import InputError
 from dsmap.frame import Intrinsics
+from dsmap.limits import MAX_TEXT_BYTES
 from dsmap.plain import parse_json
+from dsmap.reading import read_bytes
 from dsmap.sequences.associate import pose_matrix
 from dsmap.sequences.base import Recording
 from dsmap.sequences.calibration import Calibration
@@ -72,7 +74,9 @@ class _Members:
         """The bytes of a file. Raises InputError: it is missing or damaged."""
         try:
             if self._archive is None:
-                return (self.path / name).read_bytes()
+                return read_bytes(self.path / name, "a whole file", MAX_TEXT_BYTES)
+            if (size := self._archive.getinfo(name).file_size) > MAX_TEXT_BYTES:
+                raise InputError(f"{self.path}, {name}: found {size:,} bytes, expected at most {MAX_TEXT_BYTES:,}")
             return self._archive.read(name)
         except (zipfile.BadZipFile, OSError, KeyError, EOFError, RuntimeError, ValueError) as error:
             raise InputError(

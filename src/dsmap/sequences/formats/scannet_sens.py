@@ -14,6 +14,7 @@ from dsmap.sequences.base import Recording
 from dsmap.sequences.calibration import Calibration
 from dsmap.sequences.formats.parts import recording_by_number, two_cameras
 from dsmap.sequences.formats.protocol import Options, Reader
+from dsmap.sequences.image_headers import check_image_size
 from dsmap.sequences.images import Packed
 
 _VERSION = 4
@@ -131,8 +132,11 @@ def _depth(path: Path, position: int, count: int, header: _Header) -> np.ndarray
     data, (width, height) = _bytes(path, position, count), header.depth_size
     if header.depth_compression not in (_RAW, _ZLIB):
         raise InputError(f"{path}: found depth compression {header.depth_compression}, expected raw or zlib")
+    check_image_size(path, width, height)
     try:
-        values = np.frombuffer(zlib.decompress(data) if header.depth_compression == _ZLIB else data, "<u2")
+        if header.depth_compression == _ZLIB:
+            data = zlib.decompressobj().decompress(data, 2 * width * height + 1)  # no more, whatever it holds
+        values = np.frombuffer(data, "<u2")
         return values.reshape(height, width).astype(np.uint16)
     except (zlib.error, ValueError) as error:
         raise InputError(
