@@ -53,9 +53,9 @@ class Fuzzer:
     """Subjects on disk, each with what its commands do when nothing is damaged."""
 
     def __init__(self, folder: Path, only: str = "*"):
-        """Write what is to be damaged into a folder; `only` chooses subjects by name."""
+        """Write what is to be damaged into a folder; `only` chooses subjects by name, joined by commas."""
         self.folder = folder
-        self.chosen = [s for s in subjects.SUBJECTS if fnmatch(s.name, only)]
+        self.chosen = [s for s in subjects.SUBJECTS if any(fnmatch(s.name, o) for o in only.split(","))]
         self._prepared: dict[str, subjects.Prepared] = {}
         self._whole: dict[str, tuple[str, frozenset[str]]] = {}
         self._known = folder / "whole.json"
@@ -145,6 +145,7 @@ def import_commands(chosen: list[subjects.Subject]) -> None:
     """Import what the calls need, and leave no thread behind: children are forked."""
     import warnings
 
+    import cv2
     import matplotlib
     from tqdm import tqdm
 
@@ -152,6 +153,7 @@ def import_commands(chosen: list[subjects.Subject]) -> None:
 
     matplotlib.use("Agg")
     tqdm.monitor_interval = 0
+    cv2.setNumThreads(1)  # a pool would not live on in a forked child, and the child wait for it
     warnings.simplefilter("always")
     print_input_warnings()
     for command in sorted(
@@ -188,7 +190,7 @@ def main() -> int:
     parser.add_argument("--cases", type=int, default=1000)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--subject", default="*", help="which subjects, e.g. 'scene-*'")
+    parser.add_argument("--subject", default="*", help="which subjects, e.g. 'scene-*,weights'")
     parser.add_argument("--only", type=int, help="this case alone, with what it printed")
     parser.add_argument("--keep", action="store_true", help="leave the last case on disk")
     parser.add_argument(
