@@ -113,10 +113,7 @@ def _child(action: Callable[[], int], logs: list[Path]) -> None:
     try:
         for number, log in zip((1, 2), logs, strict=True):
             os.dup2(os.open(log, os.O_WRONLY | os.O_CREAT | os.O_TRUNC), number)
-        sys.stdout, sys.stderr = (
-            open(1, "w", closefd=False),
-            open(2, "w", closefd=False),
-        )  # whatever pytest made of them
+        sys.stdout, sys.stderr = (os.fdopen(os.dup(n), "w") for n in (1, 2))  # whatever pytest made of them
         now = _data_bytes()
         resource.setrlimit(resource.RLIMIT_DATA, (now + (3 << 30), now + (3 << 30)))
         resource.setrlimit(resource.RLIMIT_FSIZE, (1 << 30, 1 << 30))
