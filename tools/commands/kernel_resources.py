@@ -11,12 +11,14 @@ import subprocess
 import tempfile
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Annotated
 
 import warp as wp
 
 import dsmap.kernels
 from dsmap.errors import InputError
 from dsmap.files import write_json
+from dsmap.ranges import Range
 
 _THREADS = 256
 """Of a block, as Warp launches kernels."""
@@ -26,7 +28,7 @@ _REGISTERS, _WARPS = 65536, 64
 
 @dataclass
 class Args:
-    arch: tuple[int, ...] = (80, 90)
+    arch: Annotated[tuple[int, ...], Range(50, 200)] = (80, 90)
     """Compute capabilities, e.g. 80 90."""
     module: str | None = None
     """Only this file of kernels/, e.g. odometry; default: all."""

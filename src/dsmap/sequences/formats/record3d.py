@@ -76,7 +76,9 @@ class _Members:
             if self._archive is None:
                 return read_bytes(self.path / name, "a whole file", MAX_TEXT_BYTES)
             if (size := self._archive.getinfo(name).file_size) > MAX_TEXT_BYTES:
-                raise InputError(f"{self.path}, {name}: found {size:,} bytes, expected at most {MAX_TEXT_BYTES:,}")
+                raise InputError(
+                    f"{self.path}, {name}: found {size:,} bytes, expected at most {MAX_TEXT_BYTES:,}"
+                )
             return self._archive.read(name)
         except (zipfile.BadZipFile, OSError, KeyError, EOFError, RuntimeError, ValueError) as error:
             raise InputError(
