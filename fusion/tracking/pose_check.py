@@ -66,7 +66,8 @@ class PoseCheck:
             frame[self._level], self._maps.vertex, intensity_map(self._maps.colour), self.config.relocalise
         )
         by_colour = health.comparable and colours is Colours.GOOD
-        return reason_to_reject(found, self.config.relocalise, by_colour)
+        followed = not doubted and bool(trajectory) and trajectory[-1].tracked
+        return reason_to_reject(found, self.config.relocalise, by_colour, followed)
 
     def surprising(
         self, T_world_camera: np.ndarray, health: Health, trajectory: Sequence[TrajectoryPoint]
