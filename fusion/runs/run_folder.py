@@ -50,8 +50,7 @@ def save_run(
     points = _points(mapper)
     stamps = [point.time for point in points]
     with all_that_fits(run_dir) as attempt:
-        attempt(write_ply, run_dir / "map.ply", surfels, probabilities=probabilities, up=mapper.up)
-        attempt(write_ply, run_dir / "labels.ply", surfels, colour="label", up=mapper.up)
+        # The small ones first: on a disk that is nearly full they fit.
         rows = list(zip(stamps, at_colour_stamps(points), strict=True))
         attempt(write_trajectory, run_dir / "trajectory.txt", rows)
         attempt(_write_status, run_dir / "trajectory_status.txt", points)
@@ -59,6 +58,8 @@ def save_run(
         attempt(write_classes, run_dir / "classes.json")
         if objects:
             attempt(write_objects, run_dir, scene)
+        attempt(write_ply, run_dir / "map.ply", surfels, probabilities=probabilities, up=mapper.up)
+        attempt(write_ply, run_dir / "labels.ply", surfels, colour="label", up=mapper.up)
         if checkpoint:
             attempt(save_map, mapper, run_dir / CHECKPOINT)
 

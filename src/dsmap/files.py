@@ -43,9 +43,9 @@ def atomic_path(path: Path | str, durable: bool = False) -> Iterator[Path]:
 
 
 @contextlib.contextmanager
-def all_that_fits(folder: Path) -> Iterator[Callable[..., None]]:
+def all_that_fits(folder: Path) -> Iterator[Callable[..., bool]]:
     """Yield a function that calls a writer with its arguments; a file that cannot be written is no reason to give up
-    the others.
+    the others. The function says whether it was.
 
     Raises:
         WriteError: at the end, with the names of all that could not be written.
@@ -53,12 +53,14 @@ def all_that_fits(folder: Path) -> Iterator[Callable[..., None]]:
     missing: list[str] = []
     reasons: list[str] = []
 
-    def attempt(write: Callable[..., Any], *args: Any, **options: Any) -> None:
+    def attempt(write: Callable[..., Any], *args: Any, **options: Any) -> bool:
         try:
             write(*args, **options)
         except WriteError as error:
             missing.extend(error.files or (str(error),))
             reasons.append(error.reason or str(error))
+            return False
+        return True
 
     yield attempt
     if missing:

@@ -67,12 +67,12 @@ def main(args: Args) -> int:
         map_recording(state, sequence, args.checkpoint_every, asked_to_stop, watch)
         state.wall_s += time.perf_counter() - began
         with all_that_fits(args.out) as attempt:
-            attempt(write_run, args, state, sequence)
+            whole = attempt(write_run, args, state, sequence)
             if args.pictures:
                 attempt(draw_pictures, args.out, state, sequence)
             else:
                 remove_pictures(args.out)
-            report(state, args.out)
+            report(state, args.out, whole)
         stopped = asked_to_stop()
     return exit_code(stopped) if stopped else verdict(state, sequence)
 

@@ -45,6 +45,8 @@ def write_run(args: Args, state: RunState, sequence: Sequence) -> None:
     }  # fmt: skip
     stats = statistics(state.mapper, len(state.skipped), state.wall_s)
     with all_that_fits(args.out) as attempt:
+        attempt(write_yaml, args.out / "config.yaml", values)
+        attempt(write_json, args.out / "stats.json", stats, indent=2)
         attempt(
             save_run,
             state.mapper,
@@ -53,8 +55,6 @@ def write_run(args: Args, state: RunState, sequence: Sequence) -> None:
             objects=args.objects,
             checkpoint=False,
         )
-        attempt(write_yaml, args.out / "config.yaml", values)
-        attempt(write_json, args.out / "stats.json", stats, indent=2)
         attempt(state.save, state)
 
 
@@ -101,8 +101,8 @@ def remove_pictures(out: Path) -> None:
         (out / "pictures").rmdir()
 
 
-def report(state: RunState, out: Path) -> None:
-    """Say in a few lines what came out."""
+def report(state: RunState, out: Path, whole: bool = True) -> None:
+    """Say in a few lines what came out, and where it is, if the whole of it could be written."""
     stats = statistics(state.mapper, len(state.skipped), 0.0)
     tracking, speed, found = stats["tracking"], stats["speed"], stats["map"]
     lost, skipped = tracking["lost_frames"], tracking["skipped_frames"]
@@ -114,6 +114,8 @@ def report(state: RunState, out: Path) -> None:
         print(f"skipped frame {index}: {reason}")
     fps = f"{speed['fps']:.1f} frames/s" if speed["fps"] else "no frame mapped"
     print(f"{found['surfels']:,} surfels, {fps}, {speed['peak_rss_bytes'] / 2**20:.0f} MiB at most")
+    if not whole:
+        return
     pictures = " pictures/" if (out / "pictures").is_dir() else ""
     objects = " objects.json scene_graph.json" if (out / OBJECTS).is_file() else ""
     print(
