@@ -28,7 +28,7 @@ _REGISTERS, _WARPS = 65536, 64
 
 @dataclass
 class Args:
-    arch: Annotated[tuple[int, ...], Range(50, 200)] = (80, 90)
+    arch: tuple[Annotated[int, Range(50, 200)], ...] = (80, 90)
     """Compute capabilities, e.g. 80 90."""
     module: str | None = None
     """Only this file of kernels/, e.g. odometry; default: all."""
