@@ -186,6 +186,7 @@ class Mapper:
         if result.tracked or not self.tracked_frames:
             self._rival = None
             return result
+        seen = result
         for _ in range(2):  # a frame that the rival loses may begin another one
             if self._rival is None:
                 self._rival = Mapper(self.config, self.intrinsics, self.segmenter)

@@ -13,9 +13,10 @@ import warp as wp
 
 from dsmap.kernels.label import vec13
 from dsmap.kernels.launch import Slice, launch_items
+from dsmap.kernels.runtime import struct
 
 
-@wp.struct
+@struct
 class Kernels:
     """Two Gaussian kernels: of position and colour, of position and normal."""
 

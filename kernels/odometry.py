@@ -14,6 +14,7 @@ import warp as wp
 from dsmap.kernels.camera import Camera, pixel_of, project, ray, rotate, to_transform, transform
 from dsmap.kernels.launch import Slice, launch_rows, record_rows
 from dsmap.kernels.pixel_min import scratch
+from dsmap.kernels.runtime import struct
 from dsmap.kernels.shutter import Shutter, make_shutter, moved
 from dsmap.kernels.types import Surface
 
@@ -26,7 +27,7 @@ _vec8 = wp.types.vector(length=8, dtype=wp.float32)
 _sums3 = wp.types.vector(length=11, dtype=wp.float32)
 
 
-@wp.struct
+@struct
 class TrackingGates:
     """What a residual must pass to count."""
 

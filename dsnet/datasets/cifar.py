@@ -146,7 +146,7 @@ def _python(data: bytes, name: str) -> ClassifiedImages:
                 elif text != b"latin1":
                     collecting = False
             elif collecting and code.name in _NUMBERS:
-                labels.append(int(value))
+                labels.append(int(value))  # type: ignore[arg-type]  # the opcode of a number has one
             elif code.name not in _OF_A_LIST:
                 collecting = False
             ended = code.name == "STOP"

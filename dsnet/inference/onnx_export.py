@@ -99,9 +99,8 @@ def _logits_of_dsnet(g: Graph, x: str, model: DSNet, size: tuple[int, int], unpo
         else:
             rows, columns = height >> (4 - k), width >> (4 - k)
             mark = _first_maxima if unpool == "mask" else _first_maxima_blocked
-            x = g.add(
-                "Mul", _enlarge(g, x), mark(g, source, maxima, rows, columns, decode.deconv1[0].in_channels)
-            )
+            channels: Any = decode.deconv1[0].in_channels  # torch's hints take every attribute for a tensor
+            x = g.add("Mul", _enlarge(g, x), mark(g, source, maxima, rows, columns, channels))
         x = _deconvolve(g, x, decode.deconv1, pad=1)
         x = _deconvolve(g, x, decode.deconv2, pad=0)
     return x

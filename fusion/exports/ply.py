@@ -169,7 +169,7 @@ def surfels_of_ply(vertices: np.ndarray, path: Path | str) -> dict[str, np.ndarr
         raise InputError(
             f"{path}: label goes to {vertices['label'].max()}; expected at most {NUM_CLASSES - 1}"
         )
-    columns = {name: vertices[name] for name, _ in _FIELDS if name in vertices.dtype.names}
+    columns = {name: vertices[name] for name, _ in _FIELDS if name in (vertices.dtype.names or ())}
     return {
         "position": np.stack([columns["x"], columns["y"], columns["z"]], axis=1),
         "normal": np.stack([columns["nx"], columns["ny"], columns["nz"]], axis=1),

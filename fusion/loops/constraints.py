@@ -56,8 +56,8 @@ def constraints(
     pairs = Constraints(
         source=points @ T_world_camera[:3, :3].T + T_world_camera[:3, 3],
         destination=points @ T_found[:3, :3].T + T_found[:3, 3],
-        t_source=created.take(of_active).astype(np.int64),
-        t_destination=created.take(of_inactive).astype(np.int64),
+        t_source=created[np.asarray(of_active, np.intp)].astype(np.int64),
+        t_destination=created[np.asarray(of_inactive, np.intp)].astype(np.int64),
         pin=np.ones(len(points), dtype=bool),
     )
     return pairs, int(seen[len(seen) // 2])

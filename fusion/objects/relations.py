@@ -1,11 +1,11 @@
 """How the things of a map stand to each other: what carries what, what is next to what, in which room."""
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from scipy import ndimage
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from dsmap.classes import CLASS_NAMES
 from dsmap.fusion.objects.boxes import level_frame
@@ -96,13 +96,14 @@ def find_rooms(scene: SceneObjects) -> list[Room]:
     free[tuple(at[stands].T)] = True
     walls[tuple(at[is_wall & (level[:, 2] > floor + 0.3)].T)] = True
     free = ndimage.binary_closing(free, iterations=2) & ~walls
-    depth = ndimage.distance_transform_edt(free) * _GRID
-    cores, count = ndimage.label(depth > _DOORWAY / 2)
+    depth = np.asarray(ndimage.distance_transform_edt(free)) * _GRID
+    cores, count = _regions(depth > _DOORWAY / 2)
     if count == 0:
-        cores, count = ndimage.label(free)
-    nearest = ndimage.distance_transform_edt(cores == 0, return_distances=False, return_indices=True)
-    number = np.where(free, cores[tuple(nearest)], 0)
-    rooms, members = [], _members(scene, axes, low, cores[tuple(nearest)])
+        cores, count = _regions(free)
+    found = ndimage.distance_transform_edt(cores == 0, return_distances=False, return_indices=True)
+    nearest = tuple(np.asarray(found))
+    number = np.where(free, cores[nearest], 0)
+    rooms, members = [], _members(scene, axes, low, cores[nearest])
     for k in np.argsort(-np.bincount(number.ravel(), minlength=count + 1)[1:], kind="stable") + 1:
         area = float((number == k).sum() * _GRID**2)
         if area < _LEAST_ROOM and rooms:
@@ -110,6 +111,13 @@ def find_rooms(scene: SceneObjects) -> list[Room]:
         middle = (np.argwhere(number == k).mean(axis=0) + 0.5) * _GRID + low
         rooms.append(Room(len(rooms) + 1, np.array([*middle, floor]) @ axes, area, members.get(int(k), [])))
     return rooms
+
+
+def _regions(free: np.ndarray) -> tuple[np.ndarray, int]:
+    """Number of each cell's connected region, from 1, 0 where it is not free; and how many regions there are."""
+    found = np.zeros(free.shape, np.int32)
+    count: Any = ndimage.label(free, output=found)  # with an output array it is only the number
+    return found, int(count)
 
 
 def _members(
@@ -138,7 +146,7 @@ def _carrier(scene: SceneObjects, thing: Thing) -> int | None:
         & (heights > lowest - _BELOW) & (heights < lowest + _ABOVE)
     )  # fmt: skip
     if len(others):
-        distance, _ = cKDTree(bottom).query(position[others], distance_upper_bound=_REACH)
+        distance, _ = KDTree(bottom).query(position[others], distance_upper_bound=_REACH)
         touching = scene.owner[others[np.isfinite(distance)]]
         if len(touching):
             return int(np.bincount(touching).argmax())
@@ -157,7 +165,7 @@ def _is_upright(scene: SceneObjects, number: int) -> bool:
 
 def _next_to(scene: SceneObjects, carriers: dict[int, int | None]) -> list[Relation]:
     """Pairs of things on one carrier whose cells come within _NEXT_TO of each other."""
-    trees = {thing.id: cKDTree(scene.cells.position[scene.owner == thing.id]) for thing in scene.things}
+    trees = {thing.id: KDTree(scene.cells.position[scene.owner == thing.id]) for thing in scene.things}
     found = []
     for a in scene.things:
         for b in scene.things:

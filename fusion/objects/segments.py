@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy import sparse
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from dsmap.fusion.config import SegmentConfig
 from dsmap.kernels.segment_graph import join_cells
@@ -74,7 +74,7 @@ def find_cells(surfels: Mapping[str, np.ndarray], cell: float) -> Cells:
     n = np.bincount(of_row, minlength=count)[:, None]
     centre = _sum(of_row, position, count) / n
     colour = _sum(of_row, surfels["colour"][rows].astype(np.float64), count) / n
-    edges = cKDTree(centre).query_pairs(2.0 * cell, output_type="ndarray").astype(np.int32)
+    edges = KDTree(centre).query_pairs(2.0 * cell, output_type="ndarray").astype(np.int32)
     smooth = _smooth_normals(_unit(_sum(of_row, normal, count)), edges)
     return Cells(of_surfel, centre, smooth, colour, edges)
 
@@ -106,7 +106,7 @@ def class_means(cells: Cells, probabilities: np.ndarray, observations: np.ndarra
 
 def labelled(probabilities: np.ndarray, observations: np.ndarray) -> np.ndarray:
     """Surfels that were observed and whose row is a distribution, bool, shape (N,): NaN and zeros are none."""
-    usable = np.isfinite(probabilities).all(axis=1)
+    usable = np.all(np.isfinite(probabilities), axis=1)
     return usable & (np.where(usable[:, None], probabilities, 0).sum(axis=1) > 1e-6) & (observations > 0)
 
 

@@ -75,7 +75,7 @@ def _check_numbers(path: Path | str, arrays: dict[str, np.ndarray]) -> None:
         if len(array) == len(living) and not np.isfinite(array[living]).all():
             raise InputError(f"{path}: tensor {name} holds numbers that are none; expected finite ones")
     frames = len(arrays["times"])
-    most = {"label": NUM_CLASSES, "state.moving.rows": frames}
+    most: dict[str, Any] = {"label": NUM_CLASSES, "state.moving.rows": frames}
     if "state.ferns.rgb" in arrays:
         rows, columns = arrays["state.ferns.rgb"].shape[1:3]
         most["state.ferns.pixels"] = np.array([rows, columns])

@@ -40,8 +40,8 @@ def save_run(
         WriteError: after all that could be written was; names what was not.
     """
     run_dir = Path(run_dir)
-    if objects:
-        scene = mapper.objects()
+    scene = mapper.objects() if objects else None
+    if scene is not None:
         set_segments(mapper.surfels, scene.segment)
     else:
         remove_objects(run_dir)
@@ -56,7 +56,7 @@ def save_run(
         attempt(_write_status, run_dir / "trajectory_status.txt", points)
         attempt(write_json, run_dir / "loops.json", {"loops": _loops(mapper)}, indent=2)
         attempt(write_classes, run_dir / "classes.json")
-        if objects:
+        if scene is not None:
             attempt(write_objects, run_dir, scene)
         attempt(write_ply, run_dir / "map.ply", surfels, probabilities=probabilities, up=mapper.up)
         attempt(write_ply, run_dir / "labels.ply", surfels, colour="label", up=mapper.up)

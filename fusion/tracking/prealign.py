@@ -33,7 +33,7 @@ class RotationAligner:
 
     def __init__(self, camera: Camera):
         self.cameras = [camera]
-        while self.cameras[-1].width // 2 >= _COARSEST:
+        while self.cameras[-1].width // 2 >= _COARSEST:  # type: ignore[operator]  # Warp's int32 is an int here
             self.cameras.append(half_camera(self.cameras[-1]))
 
     def pyramid(self, intensity: wp.array) -> list[tuple[wp.array, wp.array]]:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -103,7 +104,8 @@ class Tracker:
     def __init__(self, config: TrackConfig, cameras: Sequence[Camera]):
         self.config = config
         self.cameras = cameras
-        self.stride = [max(round(step * cameras[0].width / _VGA_WIDTH), 1) for step in config.stride]
+        width: Any = cameras[0].width  # Warp's int32 is an int here
+        self.stride = [max(round(step * width / _VGA_WIDTH), 1) for step in config.stride]
         """Every n-th pixel of this image counts, a level."""
         self.aligner = RotationAligner(cameras[-1])
         self.last_coarse: list[tuple[wp.array, wp.array]] | None = None
