@@ -30,8 +30,9 @@ class Args:
     """Edge of a voxel or a cell [m]: mesh 0.01, occupancy and octomap 0.05."""
     stride: Every = 1
     """Every n-th tracked frame, where frames are written."""
-    min_confidence: Annotated[float, Range(0, 1e6)] = 0.0
-    """Leave out surfels of a lower confidence (stable ones have 10 and more)."""
+    min_confidence: Annotated[float, Range(0, 1e6)] | None = None
+    """Leave out surfels of a lower confidence; default: for mesh those that are not stable (surfels.stable_weight),
+    else none."""
     class_colours: bool = False
     """mesh: the colours of the classes."""
 
@@ -42,9 +43,12 @@ def main(args: Args) -> None:
     kind = type_of(args, form)
     out = args.out or args.run / "exports" / default_name(args.to, form, kind)
     run = load_run(args.run)
+    confidence = args.min_confidence
+    if confidence is None:
+        confidence = run.config.surfels.stable_weight if args.to == "mesh" else 0.0
     job = Job(
         run, lambda: recording_of(run, args.recording, undistort=True), kind, args.cell, args.stride,
-        args.min_confidence, args.class_colours,
+        confidence, args.class_colours,
     )  # fmt: skip
     print(f"{out}: {write(args.to, job, out)}")
 
