@@ -10,9 +10,12 @@ from scipy.spatial import cKDTree
 from dsmap.classes import CLASS_NAMES, VOID
 from dsmap.fusion.objects.boxes import Box, fit_box, overlap
 from dsmap.fusion.objects.relations import find_relations
-from dsmap.fusion.objects.things import STRUCTURE, SceneObjects
+from dsmap.fusion.objects.things import STRUCTURE, SceneObjects, find_objects
+from dsmap.fusion.runs.read_run import SavedRun
+from dsmap.fusion.runs.refine import up_of_run
+from dsmap.kernels.label import posterior
 from dsmap.sequences import Sequence
-from dsmap.sequences.mesh import LabelledMesh
+from dsmap.sequences.mesh import FILE, LabelledMesh, read_mesh
 
 MIN_OVERLAP = 0.5
 """A box is found by one that overlaps it by this much (intersection over union)."""
@@ -36,6 +39,29 @@ class Instance:
     id: int
     label: int
     box: Box
+
+
+def evaluate_objects(run: SavedRun, reference: Sequence) -> dict[str, Any]:
+    """Scores of the things of a map that was made with the reference's own poses; None with a reason for others.
+
+    Keys: those of `average_precision`, and `supports` with `stated`, `right` and `asked`, where the reference has a
+    mesh.
+    """
+    nothing: dict[str, Any] = {"map50": None, "precision": None, "recall": None, "supports": None}
+    if run.config.poses != "given" or not any(entry.instance is not None for entry in reference.entries):
+        return nothing | {"reason": "needs --poses given and a recording with instances"}
+    up = up_of_run(run)
+    labels = run.config.labels
+    probabilities = posterior(run.surfels, labels.rule, temperature=labels.temperature)
+    scene = find_objects(run.surfels.numpy(), probabilities, up)
+    instances = seen_instances(reference, up, run.config.depth_range[1])
+    scores = nothing | average_precision(match_boxes(scene, instances), instances)
+    if (reference.path / FILE).is_file():
+        mesh = read_mesh(reference.path / FILE)
+        if mesh.instance is not None:
+            counts = compare_supports(scene, instances, true_supports(mesh, up))
+            scores["supports"] = dict(zip(("stated", "right", "asked"), counts, strict=True))
+    return scores
 
 
 def seen_instances(sequence: Sequence, up: np.ndarray, depth_max: float, stride: int = 2) -> list[Instance]:

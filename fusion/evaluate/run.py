@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Any
 
 from dsmap.fusion.evaluate.loops import evaluate_loops
+from dsmap.fusion.evaluate.objects import evaluate_objects
 from dsmap.fusion.evaluate.semantics import EVALUATION_SIZE, evaluate_semantics
 from dsmap.fusion.evaluate.surface import evaluate_surface
 from dsmap.fusion.evaluate.trajectory import evaluate_trajectory
@@ -34,8 +35,8 @@ def evaluate_run(
         sfm: compare with structure from motion, too: `trajectory.sfm`.
 
     Returns:
-        The nested tree `trajectory, loops, surface, semantics, map, speed` (docs: the evaluation section). What
-        lacks ground truth is None, with a `reason` beside it.
+        The nested tree `trajectory, loops, surface, semantics, objects, map, speed` (docs: the evaluation section).
+        What lacks ground truth is None, with a `reason` beside it.
 
     Raises:
         InputError: the run is damaged, or the reference is another recording.
@@ -52,6 +53,7 @@ def evaluate_run(
         "loops": evaluate_loops(run, small, pairs),
         "surface": surface,
         "semantics": semantics | {"surfels": surfel_labels},
+        "objects": evaluate_objects(run, small),
         "map": _from_stats(run.stats, "map", _MAP_KEYS),
         "speed": _from_stats(run.stats, "speed", _SPEED_KEYS),
     }

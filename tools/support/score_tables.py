@@ -20,6 +20,7 @@ def run_tables(metrics: dict[str, Any]) -> str:
         _section("Loops", metrics["loops"], _loop_rows(metrics["loops"])),
         _section("Surface", metrics["surface"], _surface_rows(metrics["surface"])),
         _labels(metrics["semantics"]),
+        _section("Objects", metrics["objects"], _object_rows(metrics["objects"])),
         _section("Map", metrics["map"], [(k.replace("_", " "), _count(metrics["map"][k])) for k in _MAP]),
         _section("Speed", metrics["speed"], _speed_rows(metrics["speed"])),
     ]
@@ -79,6 +80,17 @@ def _surface_rows(s: dict[str, Any]) -> list[tuple[str, str]]:
         ("completeness at 5 cm", _percent(s["completeness_5cm"])),
         ("F-score at 5 cm", _percent(s["fscore_5cm"])),
     ]
+
+
+def _object_rows(o: dict[str, Any]) -> list[tuple[str, str]]:
+    rows = [
+        ("mean AP of boxes at 0.5", _percent(o["map50"])),
+        ("precision", _percent(o["precision"])),
+        ("recall", _percent(o["recall"])),
+    ]
+    if o["supports"] is not None:
+        rows.append(("supports", "{right} right of {stated} stated, {asked} asked".format(**o["supports"])))
+    return rows
 
 
 def _speed_rows(s: dict[str, Any]) -> list[tuple[str, str]]:
