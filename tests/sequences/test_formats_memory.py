@@ -10,7 +10,8 @@ from recording_shots import CAMERA, COUNT, Shot, shots
 
 from dsmap.sequences import open_sequence
 
-SHORT, LONG = 2 * COUNT, 8 * COUNT
+SHORT, LONG = 4 * COUNT, 10 * COUNT
+"""Frames; the shorter is longer than a chunk of any bag."""
 FRAME_BYTES = CAMERA.width * CAMERA.height * (3 + 4)
 """Of a decoded frame."""
 QUICK = ("ros2-db3", "scannet-sens", "record3d")
