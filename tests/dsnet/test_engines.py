@@ -320,7 +320,7 @@ def test_whoever_is_wrong_or_missing_cannot_win():
 def test_bench_net_refuses_bad_input(tmp_path, capsys):
     for argv, words in (
         (["--size", "100", "64"], "multiples of 32"),
-        (["--rounds", "0"], "at least 1"),
+        (["--rounds", "0"], "expected 1 to"),
         (["--weights", str(tmp_path / "none")], "no such file"),
     ):
         assert cli.run("bench-net", argv) == 2

@@ -42,7 +42,9 @@ def test_a_finished_cell_is_not_computed_again(tmp_path):
     with pytest.raises(InputError, match=r"a/cell.json: computed with size \[1, 2\] \(now \[5, 6\]\)"):
         run_cells([Cell("a", {"size": (5, 6)}, compute)], tmp_path)
     (tmp_path / "a" / "cell.json").write_text("{")
-    with pytest.raises(InputError, match=r"a/cell.json: cannot be read .* delete it to compute it again"):
+    with pytest.raises(
+        InputError, match=r"a/cell.json: not readable as JSON .*delete it to compute it again"
+    ):
         run_cells(cells, tmp_path)
 
 

@@ -122,7 +122,12 @@ def test_intrinsics_that_no_camera_has():
 
 def test_a_frame_without_depth():
     mapper, segmenter = mapped(1)
-    blind = replace(frame(1, turned(20, 0)), depth=np.zeros((120, 160), np.float32))
+    tiles = np.uint8(
+        np.indices((120, 160)).sum(axis=0) // 20 % 2 * 100 + 60
+    )  # colours that could tell something
+    blind = replace(
+        frame(1, turned(20, 0)), rgb=np.dstack([tiles] * 3), depth=np.zeros((120, 160), np.float32)
+    )
     with pytest.warns(InputWarning, match="no depth.*colours alone"):
         mapper.step(blind)
     mapper.step(frame(2, turned(20, 0)))

@@ -65,7 +65,7 @@ def test_an_existing_run_is_kept(recording, tmp_path, capsys):
         (["--segment-every", "0"], "keyframes"),
         (["--segmenter", "magic"], "module:factory"),
         (["--segmenter", "nowhere:factory"], "cannot be loaded"),
-        (["--label-noise", "7"], "between 0 and 1"),
+        (["--label-noise", "7"], "expected 0 to 1"),
         (["--start", "99"], "no frame between"),
     ],
 )

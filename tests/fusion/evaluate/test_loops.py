@@ -31,6 +31,9 @@ class Reference:
         return true if self.posed and i != 5 else None
 
 
+CAMERA = Intrinsics(64, 48, 60.0, 60.0, 31.5, 23.5)
+
+
 def run_with(loops) -> SavedRun:
     times = np.arange(FRAMES) / 10
     poses = np.stack([np.eye(4)] * FRAMES)  # the trajectory plays no part: a later loop may bend it
@@ -40,8 +43,10 @@ def run_with(loops) -> SavedRun:
         MapConfig(),
         times,
         poses,
+        poses,
         np.ones(FRAMES, bool),
-        MapGravity(Intrinsics(64, 48, 60.0, 60.0, 31.5, 23.5)),
+        CAMERA,
+        MapGravity(CAMERA),
         {},
         {},
         loops,
