@@ -13,6 +13,10 @@ from dsmap.ranges import Every, Range
 from dsmap.tools.mapping.recording import recording_of
 
 
+_OF_A_MESH = 0.4
+"""Surfels of this share of the stable weight make a mesh: less is mostly noise, more leaves holes."""
+
+
 @dataclass
 class Args:
     run: tyro.conf.Positional[Path]
@@ -31,8 +35,8 @@ class Args:
     stride: Every = 1
     """Every n-th tracked frame, where frames are written."""
     min_confidence: Annotated[float, Range(0, 1e6)] | None = None
-    """Leave out surfels of a lower confidence; default: for mesh those that are not stable (surfels.stable_weight),
-    else none."""
+    """Leave out surfels of a lower confidence; default: for mesh 0.4 times that of a stable one
+    (surfels.stable_weight), else none."""
     class_colours: bool = False
     """mesh: the colours of the classes."""
 
@@ -45,7 +49,7 @@ def main(args: Args) -> None:
     run = load_run(args.run)
     confidence = args.min_confidence
     if confidence is None:
-        confidence = run.config.surfels.stable_weight if args.to == "mesh" else 0.0
+        confidence = _OF_A_MESH * run.config.surfels.stable_weight if args.to == "mesh" else 0.0
     job = Job(
         run, lambda: recording_of(run, args.recording, undistort=True), kind, args.cell, args.stride,
         confidence, args.class_colours,
