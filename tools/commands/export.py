@@ -12,7 +12,6 @@ from dsmap.fusion.runs.read_run import load_run
 from dsmap.ranges import Every, Range
 from dsmap.tools.mapping.recording import recording_of
 
-
 _OF_A_MESH = 0.4
 """Surfels of this share of the stable weight make a mesh: less is mostly noise, more leaves holes."""
 
