@@ -46,8 +46,9 @@ demo: $(VENV)/.demo
 	$(BIN)/dsmap evaluate $(DEMO)/run --reference $(DEMO)/sequence
 	@echo "pictures: $$(ls $(DEMO)/run/pictures/*.png | tr '\n' ' ')"
 
+# A process for every core; each counts on one thread, since threads that wait for each other would use both up.
 test: $(VENV)/.dev
-	$(BIN)/python -m pytest
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist loadfile
 
 test-slow: $(VENV)/.dev
 	$(BIN)/python -m pytest -m slow

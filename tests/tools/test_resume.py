@@ -51,10 +51,17 @@ def straight(recording) -> Path:
     return out
 
 
+def _hears_hangups() -> None:
+    """Also where nohup runs the tests."""
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
+
+
 def interrupted(recording: Path, out: Path, number: signal.Signals, *flags: str) -> int:
     """Start a run in a process of its own, send it a signal after 40 frames; its exit code."""
     argv = [sys.executable, "-m", "dsmap.tools.cli", "map", str(recording), "--out", str(out), *FLAGS, *flags]
-    with subprocess.Popen(argv, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True) as process:
+    with subprocess.Popen(
+        argv, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True, preexec_fn=_hears_hangups
+    ) as process:
         assert process.stderr is not None
         for line in process.stderr:
             if "frame 40" in line:
