@@ -24,7 +24,9 @@ entry.main()
 
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
 def test_a_signal_before_the_work_begins_is_one_line(name):
-    heard = f"import signal; signal.signal(signal.{name}, signal.SIG_DFL)\n"  # also where nohup runs the tests
+    heard = (
+        f"import signal; signal.signal(signal.{name}, signal.SIG_DFL)\n"  # also where nohup runs the tests
+    )
     done = subprocess.run(
         [sys.executable, "-c", heard + _PROGRAM.format(name=name)], capture_output=True, text=True
     )
