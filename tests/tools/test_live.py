@@ -221,7 +221,7 @@ def test_the_page_shows_the_map_without_holding_it_up(tmp_path):
 
 
 @pytest.mark.slow
-def test_live_in_a_headlessbrowser(tmp_path):
+def test_live_in_a_headless_browser(tmp_path):
     """Two pages at once, one of them opened anew; updates come, buttons work, the run is written."""
     chromium = shutil.which("chromium") or shutil.which("google-chrome")
     if chromium is None:

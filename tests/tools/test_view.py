@@ -106,7 +106,7 @@ def test_cloud_selects_and_thins_out(run_dir):
 
 
 @pytest.mark.slow
-def test_page_in_a_headlessbrowser(run_dir, tmp_path):
+def test_page_in_a_headless_browser(run_dir, tmp_path):
     chromium = shutil.which("chromium") or shutil.which("google-chrome")
     if chromium is None:
         pytest.skip("no chromium on this machine (Debian: apt-get install chromium)")
