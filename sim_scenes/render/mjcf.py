@@ -7,6 +7,7 @@ import mujoco
 import numpy as np
 
 from dsmap.frame import Intrinsics
+from dsmap.reading import reading
 from dsmap.sim_scenes.geometry.shapes import Shape
 from dsmap.sim_scenes.scene import MAX_LIGHTS, Light, Scene
 
@@ -47,7 +48,10 @@ def build_model(scene: Scene, camera: Intrinsics) -> mujoco.MjModel:
     MuJoCo turns meshes into their principal axes of inertia, which inflates the boxes the ray tracer
     prunes by (1.5-fold in volume) and costs precision; static scenery has no use for that.
     """
-    model = build_spec(scene, camera).compile()
+    with reading(
+        f"scene {scene.name}", "meshes that MuJoCo takes (four vertices or more)", mujoco.FatalError
+    ):
+        model = build_spec(scene, camera).compile()
     turn = np.empty(9)
     for i, part in enumerate(scene.parts):
         mesh = model.geom_dataid[i]

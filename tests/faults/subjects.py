@@ -231,8 +231,9 @@ def scene(kind: str) -> Build:
             (folder / "info_semantic.json").write_text(json.dumps(info))
         elif kind == "obj":
             (folder / "home.obj").write_text(
-                "mtllib home.mtl\no floor\nv -2 -2 0\nv 2 -2 0\nv 2 2 0\nv -2 2 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\nusemtl floor\n"
-                "f 1/1 2/2 3/3\nf 1/1 3/3 4/4\no table\nv -0.5 0 0.7\nv 0.5 0 0.7\nv 0 0.5 0.7\nusemtl table\nf 5/1 6/2 7/3\n"
+                "mtllib home.mtl\no floor\nv -4 -4 0\nv 4 -4 0\nv 4 4 0\nv -4 4 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\nusemtl floor\n"
+                "f 1/1 2/2 3/3\nf 1/1 3/3 4/4\no table\nv -0.5 0 0.7\nv 0.5 0 0.7\nv 0 0.5 0.7\nv 0 0 0.9\nusemtl table\nf 5/1 6/2 7/3\nf 5/1 6/2 8/3\n"
+                "o wall\nv -4 4 0\nv 4 4 0\nv 4 4 2.5\nv -4 4 2.5\nusemtl floor\nf 9/1 10/2 11/3\nf 9/1 11/3 12/4\n"
             )
             (folder / "home.mtl").write_text(
                 "newmtl floor\nKd 1 1 1\nmap_Kd boards.png\nnewmtl table\nKd 0.5 0.2 0.1\n"
