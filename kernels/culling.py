@@ -15,12 +15,12 @@ import numpy as np
 import warp as wp
 
 from dsmap.kernels.camera import Camera
-from dsmap.kernels.index_map import MAX_COARSE_SPLAT
+from dsmap.kernels.index_map import MAX_COARSE_SPLAT, MAX_SPLAT
 from dsmap.kernels.launch import BLOCK, Slice, launch_rows
 from dsmap.kernels.types import SurfelArrays, SurfelMap
 
 _NEVER = wp.constant(2**31 - 1)
-_BORDER = float(MAX_COARSE_SPLAT) + 1.0
+_BORDER, _COARSE_BORDER = float(MAX_SPLAT) + 1.0, float(MAX_COARSE_SPLAT) + 1.0
 """Surfels this far [px] outside the image may still reach into it with their discs."""
 _SLACK = 1e-3
 """Rounding [m] of single-precision positions in maps of up to a kilometre."""
@@ -89,13 +89,15 @@ def _test(
     seen[b] = wp.where(inside, wp.uint8(1), wp.uint8(0))
 
 
-def frustum(camera: Camera, T_world_camera: np.ndarray, max_depth: float) -> np.ndarray:
+def frustum(
+    camera: Camera, T_world_camera: np.ndarray, max_depth: float, border: float = _BORDER
+) -> np.ndarray:
     """Planes (n, d) of what a camera sees up to max_depth [m], padded; shape (6, 4), world frame.
 
     A world point x may be seen only if n . x + d >= 0 for all six; |n| = 1.
     """
-    left, top = camera.cx + _BORDER, camera.cy + _BORDER
-    right, bottom = camera.width + _BORDER - camera.cx, camera.height + _BORDER - camera.cy
+    left, top = camera.cx + border, camera.cy + border
+    right, bottom = camera.width + border - camera.cx, camera.height + border - camera.cy
     sides = [[camera.fx, 0, left], [-camera.fx, 0, right], [0, camera.fy, top], [0, -camera.fy, bottom]]
     planes = np.array([[*normal, 0] for normal in [*sides, [0, 0, 1], [0, 0, -1]]], dtype=np.float64)
     planes[5, 3] = max_depth
@@ -114,10 +116,12 @@ class Blocks:
     Args:
         surfels: the map; may grow, shrink and be replaced in its arrays.
         stable_weight: surfel confidence from which a surfel no longer waits to be confirmed.
+        coarse: whether it has a finest resolution: then discs from further outside an image reach into it.
     """
 
-    def __init__(self, surfels: SurfelMap, stable_weight: float):
+    def __init__(self, surfels: SurfelMap, stable_weight: float, coarse: bool = False):
         self.surfels, self.stable_weight = surfels, stable_weight
+        self._border = _COARSE_BORDER if coarse else _BORDER
         self._known = 0  # surfels, from the front, whose blocks have been measured
         self._allocate(0)
 
@@ -152,7 +156,7 @@ class Blocks:
         self._measure_new()
         count = self._count
         seen = wp.empty(count, dtype=wp.uint8, device=self.surfels.device)
-        planes = _planes(*frustum(camera, T_world_camera, max_depth).ravel().tolist())
+        planes = _planes(*frustum(camera, T_world_camera, max_depth, self._border).ravel().tolist())
         inputs = [planes, self._low, self._high, self._living]
         if count:
             launch_rows(_test, count, 1, inputs, [seen], self.surfels.device, lanes=1)
