@@ -189,9 +189,9 @@ def test_a_search_that_leads_astray_begins_once_more_where_constant_motion_leads
         assert m.step(frame(step, step)).tracked
     track, starts = m.locator.tracker.track, []
 
-    def astray(maps, view, start, prealign, expected, rolling):
+    def astray(maps, view, start, prealign, expected, rolling, colours):
         starts.append((prealign, expected is not None))
-        T, health = track(maps, view, start, prealign, expected, rolling)
+        T, health = track(maps, view, start, prealign, expected, rolling, colours)
         return T, health if not prealign else replace(health, tracked=False, reason="astray")
 
     m.locator.tracker.track = astray
