@@ -18,7 +18,7 @@ def test_the_same_view_in_a_larger_map(tmp_path, capsys):
     assert small["tracked"] == large["tracked"] == 2
     walked = [row["in_view_blocks"] * row["surfels"] for row in (small, large)]
     assert walked[1] < 2 * walked[0], "what is walked follows the view"
-    assert 109 <= large["bytes_per_surfel"] < 110 and large["culling_bytes_per_surfel"] < 0.5
+    assert 113 <= large["bytes_per_surfel"] < 114 and large["culling_bytes_per_surfel"] < 0.5
     assert "ratio" in capsys.readouterr().out
 
 
