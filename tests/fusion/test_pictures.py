@@ -112,7 +112,7 @@ def test_all_pictures_of_a_run(tmp_path):
     ]
     reference = [None, *(np.linalg.inv(rows[0][1]) @ T for _, T, _ in rows[1:])]
     written = write_pictures(tmp_path, room_map(), points(), INTRINSICS, strip, reference)
-    names = ["map_colour", "map_label", "map_confidence", "map_time", "trajectory", "strip"]
+    names = ["map_colour", "map_label", "map_segment", "map_confidence", "map_time", "trajectory", "strip"]
     assert [path.name for path in written] == [f"{name}.png" for name in names]
     for path in written:
         image = cv2.imread(str(path))
@@ -125,6 +125,7 @@ def test_all_pictures_of_a_run(tmp_path):
 def test_run_without_labels_or_surfels(tmp_path):
     arrays = room_arrays(0.06)
     arrays["label"][:] = 0
+    arrays["segment"][:] = 0
     written = write_views(tmp_path, map_of(arrays), poses())
     assert [path.name for path in written] == ["map_colour.png", "map_confidence.png", "map_time.png"]
     frame = Frame(0, 0.0, np.zeros((120, 160, 3), np.uint8), np.zeros((120, 160), np.float32))
