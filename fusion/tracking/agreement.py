@@ -17,9 +17,6 @@ _FARTHEST = 0.4
 """Largest shift, as a share of the image's size."""
 _LEAST_SHARED = 0.4
 """Shifts that leave less than this share of the common pixels are not considered."""
-_FOLLOWED, _SAME_FOLLOWED = 0.7, 0.97
-"""Colours may be this much less alike where a camera was followed and so many depths agree. Measured where it was
-shaken at up to 290 degrees a second: true poses with 0.52 of texture, and no shift that fits better."""
 _WINDOW = np.ones((3, 3), np.uint8)
 _GRAIN = 0.01
 """Texture weaker than this (intensity in [0, 1]) is noise."""
@@ -82,17 +79,12 @@ def agreement(frame: FrameMaps, vertex: wp.array, intensity: wp.array, config: R
     )
 
 
-def reason_to_reject(
-    found: Agreement, config: RelocaliseConfig, by_colour: bool = True, followed: bool = False
-) -> str:
+def reason_to_reject(found: Agreement, config: RelocaliseConfig, by_colour: bool = True) -> str:
     """Why a pose is not believed, in words; empty if it is.
 
-    followed: the camera was followed from frame to frame, and depth and shifts of the image speak for the pose: then
-    a blurred picture, or a map that was filmed in a fast turn, may look less like the other.
     by_colour: the frame's colours are to be believed. Where they, or those of the model, show nothing, depth decides.
     """
     by_colour = by_colour and found.coloured
-    likeness = _FOLLOWED if followed and found.same >= _SAME_FOLLOWED else 1.0
     reasons = [
         (found.overlap < config.min_overlap, f"the model covers only {found.overlap:.0%} of the depth image"),
         (
@@ -100,12 +92,9 @@ def reason_to_reject(
             f"{found.seen_through:.0%} of the model is seen through",
         ),
         (found.same < config.min_same, f"only {found.same:.0%} of the depths agree with the model"),
+        (by_colour and found.ncc < config.min_ncc, f"the colours do not correlate ({found.ncc:.2f})"),
         (
-            by_colour and found.ncc < likeness * config.min_ncc,
-            f"the colours do not correlate ({found.ncc:.2f})",
-        ),
-        (
-            by_colour and found.texture < likeness * config.min_texture,
+            by_colour and found.texture < config.min_texture,
             f"the texture does not correlate ({found.texture:.2f})",
         ),
         (

@@ -66,8 +66,7 @@ class PoseCheck:
             frame[self._level], self._maps.vertex, intensity_map(self._maps.colour), self.config.relocalise
         )
         by_colour = health.comparable and colours is Colours.GOOD
-        followed = not doubted and bool(trajectory) and trajectory[-1].tracked
-        return reason_to_reject(found, self.config.relocalise, by_colour, followed)
+        return reason_to_reject(found, self.config.relocalise, by_colour)
 
     def surprising(
         self, T_world_camera: np.ndarray, health: Health, trajectory: Sequence[TrajectoryPoint]

@@ -19,8 +19,6 @@ from dsmap.fusion.trajectory import TrajectoryPoint
 from dsmap.kernels.shutter import global_shutter
 from dsmap.kernels.types import FrameMaps
 
-_NEAR_FRAMES = 12
-"""Frames further back than this are not near in time, at up to 60 a second."""
 _NEGLIGIBLE = 0.2
 """A frame whose first and last row are off by less than this stays as it is [px]."""
 
@@ -35,52 +33,30 @@ class RowMotion:
     """Pose of the last frame, shape (4, 4), in the coordinates of the poses that `twist` is asked for."""
     seconds: float
     """Since then."""
-    before: np.ndarray | None = None
-    """Mean velocity on the way to the last frame, shape (6,); None: it is not known."""
-    seconds_before: float = 0.0
-    """How long that way took."""
 
     def twist(self, T: np.ndarray) -> np.ndarray:
-        """Velocity of a camera that came to T, in its own frame (translation [m/s], rotation [rad/s]), shape (6,).
-
-        The mean since the last frame is that of half way; as it changed from the way before, so it goes on to change.
-        """
+        """Velocity of a camera that came to T, in its own frame (translation [m/s], rotation [rad/s]), shape (6,)."""
         if not np.isfinite(T).all():  # a search that went astray
             return np.zeros(6)
-        mean = velocity(self.T_last, T, self.seconds)
-        if self.before is None:
-            return mean
-        return mean + (mean - self.before) * self.seconds / (self.seconds + self.seconds_before)
+        return velocity(self.T_last, T, self.seconds)
 
 
 def row_motion(
     readout_s: float, trajectory: Sequence[TrajectoryPoint], pose_time: float, T_view_world: np.ndarray
 ) -> RowMotion | None:
     """Of the next frame, with poses in the coordinates of a view; None where all rows are taken at once, or
-    where the last frame that was tracked was too long ago to tell how the camera moves.
+    where the frame before was lost or too long ago to tell how the camera moves.
 
     Args:
         trajectory: of all frames before it.
         pose_time: when it is taken [s].
     """
-    if not readout_s:
+    if not readout_s or not trajectory or not trajectory[-1].tracked:
         return None
-    at = _last_tracked(trajectory, len(trajectory))
-    if at is None or not 0 < (seconds := pose_time - trajectory[at].pose_time) <= MAX_GAP_S:
+    seconds = pose_time - trajectory[-1].pose_time
+    if not 0 < seconds <= MAX_GAP_S:
         return None
-    last = trajectory[at]
-    rows = RowMotion(readout_s, T_view_world @ last.T_world_camera, seconds)
-    at = _last_tracked(trajectory, at)
-    if at is None or not 0 < (seconds_before := last.pose_time - trajectory[at].pose_time) <= MAX_GAP_S:
-        return rows
-    before = velocity(trajectory[at].T_world_camera, last.T_world_camera, seconds_before)
-    return replace(rows, before=before, seconds_before=seconds_before)
-
-
-def _last_tracked(trajectory: Sequence[TrajectoryPoint], before: int) -> int | None:
-    """The last frame before a number that was tracked, of the few that are near in time."""
-    near = range(before - 1, max(before - _NEAR_FRAMES, 0) - 1, -1)
-    return next((k for k in near if trajectory[k].tracked), None)
+    return RowMotion(readout_s, T_view_world @ trajectory[-1].T_world_camera, seconds)
 
 
 def undo_rolling_shutter(
