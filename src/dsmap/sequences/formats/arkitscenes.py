@@ -13,9 +13,10 @@ from dsmap.frame import Intrinsics
 from dsmap.sequences.associate import pose_vector, poses_at
 from dsmap.sequences.base import Recording
 from dsmap.sequences.calibration import Calibration
-from dsmap.sequences.formats.parts import Stamped, confident, read_text, recording_by_stamp, two_cameras
+from dsmap.sequences.formats.parts import Stamped, confident, recording_by_stamp, two_cameras
 from dsmap.sequences.formats.protocol import Options, Reader
 from dsmap.sequences.images import Packed, image_size, read_ids
+from dsmap.sequences.text import read_text
 
 _NAME = re.compile(r"(?:.*_)?(\d+(?:\.\d+)?)\.(?:png|pincam)")
 _APART_S = 0.1

@@ -9,9 +9,10 @@ from dsmap.errors import InputError
 from dsmap.frame import Intrinsics
 from dsmap.sequences.base import Recording
 from dsmap.sequences.calibration import Calibration
-from dsmap.sequences.formats.parts import read_text, two_cameras
+from dsmap.sequences.formats.parts import two_cameras
 from dsmap.sequences.formats.protocol import Options, Reader
 from dsmap.sequences.seven_scenes import is_seven_scenes, read_seven_scenes
+from dsmap.sequences.text import read_text
 
 _FILES = ("info.txt", "_info.txt")
 

@@ -14,9 +14,10 @@ from dsmap.frame import Intrinsics
 from dsmap.sequences.associate import pose_matrix
 from dsmap.sequences.base import Recording
 from dsmap.sequences.calibration import Calibration
-from dsmap.sequences.formats.parts import numbered, read_text, recording_by_number
+from dsmap.sequences.formats.parts import numbered, recording_by_number
 from dsmap.sequences.formats.protocol import Options, Reader
 from dsmap.sequences.images import Packed, Source, image_size
+from dsmap.sequences.text import read_text
 
 _CAMERA = Intrinsics(640, 480, 481.2, 480.0, 319.5, 239.5)
 _SOURCE = "known default of ICL-NUIM"

@@ -12,9 +12,10 @@ from dsmap.lens import MODELS, coefficients
 from dsmap.plain import parse_json
 from dsmap.sequences.base import Recording
 from dsmap.sequences.calibration import Calibration
-from dsmap.sequences.formats.parts import OPENGL_AXES, read_text, recording_by_number, same_size, two_cameras
+from dsmap.sequences.formats.parts import OPENGL_AXES, recording_by_number, same_size, two_cameras
 from dsmap.sequences.formats.protocol import Options, Reader
 from dsmap.sequences.images import image_size
+from dsmap.sequences.text import read_text
 
 _FILE = "transforms.json"
 _METRES_PER_UNIT = 0.001

@@ -9,13 +9,12 @@ import numpy as np
 
 from dsmap.errors import InputError
 from dsmap.frame import Intrinsics, orthonormal
-from dsmap.limits import MAX_TEXT_BYTES
-from dsmap.reading import read_bytes
 from dsmap.sequences.associate import associate
 from dsmap.sequences.base import Entry, Recording
 from dsmap.sequences.calibration import Calibration
 from dsmap.sequences.images import Source
 from dsmap.sequences.seven_scenes import is_rigid
+from dsmap.sequences.text import numbers_of
 
 OPENGL_AXES = np.diag([1.0, -1.0, -1.0, 1.0])
 """Between a camera that looks along -z with y up (OpenGL, ARKit) and one that looks along z with y down."""
@@ -130,16 +129,8 @@ def rigid(T: np.ndarray | None) -> np.ndarray | None:
 
 def read_matrix(path: Path, rows: int = 4, columns: int = 4) -> np.ndarray | None:
     """A matrix of numbers in a text file, float64; None where there is none of this shape."""
-    try:
-        values = np.array(read_text(path).replace(",", " ").split(), dtype=np.float64)
-    except (InputError, ValueError):
-        return None
-    return values.reshape(rows, columns) if values.size == rows * columns else None
-
-
-def read_text(path: Path) -> str:
-    """A text file whatever its encoding. Raises InputError if it cannot be read."""
-    return read_bytes(path, "a text file", MAX_TEXT_BYTES).decode("utf-8-sig", errors="replace")
+    values = numbers_of(path)
+    return values.reshape(rows, columns) if values is not None and values.size == rows * columns else None
 
 
 def same_size(a: Intrinsics, b: Intrinsics) -> bool:

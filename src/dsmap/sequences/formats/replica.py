@@ -13,9 +13,10 @@ from dsmap.frame import Intrinsics
 from dsmap.plain import parse_json
 from dsmap.sequences.base import Recording
 from dsmap.sequences.calibration import Calibration
-from dsmap.sequences.formats.parts import numbered, read_text, recording_by_number
+from dsmap.sequences.formats.parts import numbered, recording_by_number
 from dsmap.sequences.formats.protocol import Options, Reader
 from dsmap.sequences.images import image_size
+from dsmap.sequences.text import read_text
 
 _PUBLISHED = Calibration(
     Intrinsics(1200, 680, 600.0, 600.0, 599.5, 339.5), 6553.5, "known default of Replica"

@@ -13,9 +13,10 @@ from dsmap.lens import coefficients
 from dsmap.sequences.associate import pose_matrix
 from dsmap.sequences.base import Recording
 from dsmap.sequences.calibration import Calibration
-from dsmap.sequences.formats.parts import Stamped, read_text, recording_by_stamp
+from dsmap.sequences.formats.parts import Stamped, recording_by_stamp
 from dsmap.sequences.formats.protocol import Options, Reader
 from dsmap.sequences.images import IMAGE_SUFFIXES
+from dsmap.sequences.text import read_text
 
 _STEM = re.compile(r"\d+(?:\.\d+)?")
 _RATE = 30.0

@@ -15,12 +15,12 @@ from dsmap.sequences.formats.parts import (
     confident,
     numbered,
     read_matrix,
-    read_text,
     recording_by_number,
     two_cameras,
 )
 from dsmap.sequences.formats.protocol import Options, Reader
 from dsmap.sequences.images import Packed, Source, image_size, read_ids, read_stored
+from dsmap.sequences.text import read_text
 
 _CAMERA, _ODOMETRY, _FILM = "camera_matrix.csv", "odometry.csv", "rgb.mp4"
 

@@ -13,12 +13,12 @@ from dsmap.sequences.formats.parts import (
     Stamped,
     camera_from,
     read_matrix,
-    read_text,
     recording_by_stamp,
     rigid,
 )
 from dsmap.sequences.formats.protocol import Options, Reader
 from dsmap.sequences.images import image_size, stored_depth
+from dsmap.sequences.text import read_text
 from dsmap.sequences.turned_depth import is_turned, packed
 
 _NAME = re.compile(r"\d+-(\d+)\.(?:jpg|jpeg|png)", re.IGNORECASE)
