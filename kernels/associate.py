@@ -8,7 +8,7 @@ import warp as wp
 from dsmap.kernels.camera import Camera, ray, rotate, surfel_at, to_transform
 from dsmap.kernels.launch import Slice, first_surfel, launch_blocks, launch_rows
 from dsmap.kernels.pixel_min import key_buffer, make_key, merge_keys
-from dsmap.kernels.types import SurfelMap
+from dsmap.kernels.types import FrameImages, FrameMaps, SurfelArrays, SurfelMap
 
 _OTHER_NORMAL = wp.constant(1.0e6)
 """Added to the squared ray distance [m^2] of a surfel that only fits by position."""
@@ -25,20 +25,14 @@ class AssociationGates:
 
 
 @wp.kernel
-def _pack(
-    s: Slice,
-    vertex: wp.array2d(dtype=wp.vec3),
-    normal: wp.array2d(dtype=wp.vec3),
-    edge: wp.array2d(dtype=wp.uint8),
-    packed: wp.array2d(dtype=wp.vec4),
-):
+def _pack(s: Slice, frame: FrameImages, packed: wp.array2d(dtype=wp.vec4)):
     # What a surfel asks of its pixel, in one cache line; depth 0 where it may not have the pixel.
     row, lane = wp.tid()
     y = s.first + s.stride * row
     for x in range(lane, packed.shape[1], s.step):
-        n = normal[y, x]
-        z = vertex[y, x][2]
-        packed[y, x] = wp.vec4(n[0], n[1], n[2], wp.where(edge[y, x] == wp.uint8(0), z, 0.0))
+        n = frame.normal[y, x]
+        z = frame.vertex[y, x][2]
+        packed[y, x] = wp.vec4(n[0], n[1], n[2], wp.where(frame.edge[y, x] == wp.uint8(0), z, 0.0))
 
 
 @wp.kernel
@@ -48,21 +42,18 @@ def _claim(
     camera: Camera,
     T_camera_world: wp.mat44,
     gates: AssociationGates,
-    position: wp.array(dtype=wp.vec3),
-    normal: wp.array(dtype=wp.vec3),
-    weight: wp.array(dtype=wp.float32),
-    t_updated: wp.array(dtype=wp.int32),
-    frame: wp.array2d(dtype=wp.vec4),
+    packed: wp.array2d(dtype=wp.vec4),
+    m: SurfelArrays,
     keys: wp.array2d(dtype=wp.uint64),
 ):
     first = first_surfel(s, blocks, wp.tid())
     for i in range(first, wp.min(first + s.step, s.count)):
-        p, at = surfel_at(camera, T_camera_world, i, gates.t_min, position, weight, t_updated)
+        p, at = surfel_at(camera, T_camera_world, i, gates.t_min, m)
         x = at[0]
         y = at[1]
         if x < 0:
             continue
-        f = frame[y, x]
+        f = packed[y, x]
         d = f[3]
         if d <= 0.0:
             continue
@@ -72,7 +63,7 @@ def _claim(
         gate = wp.max(gates.along, gates.along_z2 * d * d)
         if along * along >= gate * gate * length2:
             continue
-        cos_angle = wp.dot(wp.vec3(f[0], f[1], f[2]), rotate(T_camera_world, normal[i]))
+        cos_angle = wp.dot(wp.vec3(f[0], f[1], f[2]), rotate(T_camera_world, m.normal[i]))
         if cos_angle <= 0.0:
             continue
         # The squared distance to the ray orders surfels as the distance does.
@@ -86,9 +77,7 @@ def associate_surfels(
     surfels: SurfelMap,
     camera: Camera,
     T_world_camera: np.ndarray,
-    vertex: wp.array,
-    normal: wp.array,
-    edge: wp.array,
+    frame: FrameMaps,
     *,
     match: wp.array,
     max_ray_distance: float = 0.05,
@@ -103,7 +92,7 @@ def associate_surfels(
     frame t_min asks for the pixel it projects to. It may have it if it lies within
     max(max_ray_distance [m], max_ray_distance_z2 [1/m] x depth^2) of the vertex along the pixel's ray and
     the normals differ by less than max_angle [rad]; of several, the one nearest to the ray wins.
-    vertex, normal, edge: the frame's maps, shapes (H, W); edge pixels and pixels without a normal get none.
+    frame: the maps of its level 0; edge pixels and pixels without a normal get none.
     match: out, int32, shape (H, W); surfel of each pixel, -1 where there is none, TAKEN (-2) where one lies
     but its normal differs (by less than 90 degrees): noise more often than another surface.
     visible: blocks that may hold surfels in view (see `culling.Blocks`); None walks the whole map.
@@ -114,8 +103,8 @@ def associate_surfels(
     T_camera_world = to_transform(np.linalg.inv(T_world_camera))
     m = surfels
     keys = key_buffer(camera.height, camera.width, m.device)
-    packed = wp.empty(edge.shape, dtype=wp.vec4, device=m.device)
-    launch_rows(_pack, *edge.shape, [vertex, normal, edge], [packed], m.device)
-    inputs = [camera, T_camera_world, gates, m.position, m.normal, m.weight, m.t_updated, packed]
+    packed = wp.empty(match.shape, dtype=wp.vec4, device=m.device)
+    launch_rows(_pack, *match.shape, [frame.images], [packed], m.device)
+    inputs = [camera, T_camera_world, gates, packed, m.arrays]
     launch_blocks(_claim, visible, m.count, inputs, [keys], m.device)
     merge_keys(keys, match, limit=_OTHER_NORMAL)

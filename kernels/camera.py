@@ -5,6 +5,7 @@ from typing import Any
 import warp as wp
 
 from dsmap.kernels.runtime import struct
+from dsmap.kernels.types import SurfelArrays
 
 
 @struct
@@ -81,15 +82,13 @@ def surfel_at(
     T_camera_world: wp.mat44,
     i: int,
     t_min: int,
-    position: wp.array(dtype=wp.vec3),
-    weight: wp.array(dtype=wp.float32),
-    t_updated: wp.array(dtype=wp.int32),
+    m: SurfelArrays,
 ) -> tuple[wp.vec3, wp.vec2i]:
     """Camera-frame position and pixel of surfel i; pixel (-1, -1) if dead, last updated before t_min, or outside."""
     p = wp.vec3(0.0, 0.0, 0.0)
     at = wp.vec2i(-1, -1)
-    if weight[i] > 0.0 and t_updated[i] >= t_min:
-        p = transform(T_camera_world, position[i])
+    if m.weight[i] > 0.0 and m.t_updated[i] >= t_min:
+        p = transform(T_camera_world, m.position[i])
         at = pixel_at(camera, p)
     return p, at
 

@@ -14,7 +14,7 @@ import warp as wp
 from dsmap.kernels.camera import Camera, pixel_at, rotate, to_transform, transform
 from dsmap.kernels.launch import Slice, launch_rows
 from dsmap.kernels.pixel_min import scratch
-from dsmap.kernels.types import FrameMaps, SurfelMap
+from dsmap.kernels.types import FrameImages, FrameMaps, SurfelArrays, SurfelMap
 
 MOST_PIXELS = wp.constant(16)
 """A surfel stands for no more pixels than these, to either side: things nearer than that are rare."""
@@ -40,18 +40,25 @@ class MapView:
 
 @wp.kernel
 def _want(
-    s: Slice, camera: Camera, view_camera: Camera, T_view_camera: wp.mat44, has_view: int, resolution: float,
-    vertex: wp.array2d(dtype=wp.vec3), normal: wp.array2d(dtype=wp.vec3), edge: wp.array2d(dtype=wp.uint8),
-    match: wp.array2d(dtype=wp.int32), view_vertex: wp.array2d(dtype=wp.vec3), view_normal: wp.array2d(dtype=wp.vec3),
+    s: Slice,
+    camera: Camera,
+    resolution: float,
+    frame: FrameImages,
+    match: wp.array2d(dtype=wp.int32),
+    has_view: int,
+    view_camera: Camera,
+    T_view_camera: wp.mat44,
+    view_vertex: wp.array2d(dtype=wp.vec3),
+    view_normal: wp.array2d(dtype=wp.vec3),
     wanted: wp.array2d(dtype=wp.uint8),
-):  # fmt: skip
+):
     row, lane = wp.tid()
     y = s.first + s.stride * row
     for x in range(lane, camera.width, s.step):
         want = int(0)
-        if match[y, x] == -1 and edge[y, x] == wp.uint8(0):
-            v = vertex[y, x]
-            n = normal[y, x]
+        if match[y, x] == -1 and frame.edge[y, x] == wp.uint8(0):
+            v = frame.vertex[y, x]
+            n = frame.normal[y, x]
             if v[2] > 0.0 and wp.dot(n, n) > 0.0:
                 want += 1
                 if has_view != 0:
@@ -72,15 +79,19 @@ def _want(
 
 @wp.kernel
 def _choose(
-    s: Slice, camera: Camera, resolution: float, vertex: wp.array2d(dtype=wp.vec3),
-    wanted: wp.array2d(dtype=wp.uint8), is_new: wp.array2d(dtype=wp.int32),
-):  # fmt: skip
+    s: Slice,
+    camera: Camera,
+    resolution: float,
+    frame: FrameImages,
+    wanted: wp.array2d(dtype=wp.uint8),
+    is_new: wp.array2d(dtype=wp.int32),
+):
     row, lane = wp.tid()
     y = s.first + s.stride * row
     for x in range(lane, camera.width, s.step):
         new = int(0)
         if wanted[y, x] != wp.uint8(0):
-            v = vertex[y, x]
+            v = frame.vertex[y, x]
             k = wp.clamp(int(resolution * camera.fx / v[2] + 0.5), 1, MOST_PIXELS)
             new += 1
             # The first of its cell that lies on this surface is the cell's surfel.
@@ -90,7 +101,7 @@ def _choose(
                     if (
                         new > 0
                         and earlier
-                        and wp.length_sq(vertex[yy, xx] - v) < 4.0 * resolution * resolution
+                        and wp.length_sq(frame.vertex[yy, xx] - v) < 4.0 * resolution * resolution
                     ):
                         new -= 1
         is_new[y, x] = new
@@ -98,10 +109,14 @@ def _choose(
 
 @wp.kernel
 def _crowd(
-    s: Slice, camera: Camera, resolution: float, vertex: wp.array2d(dtype=wp.vec3),
-    match: wp.array2d(dtype=wp.int32), position: wp.array(dtype=wp.vec3), weight: wp.array(dtype=wp.float32),
+    s: Slice,
+    camera: Camera,
+    resolution: float,
+    frame: FrameImages,
+    match: wp.array2d(dtype=wp.int32),
+    m: SurfelArrays,
     crowded: wp.array2d(dtype=wp.uint8),
-):  # fmt: skip
+):
     row, lane = wp.tid()
     y = s.first + s.stride * row
     near = _CROWDED * resolution
@@ -109,27 +124,29 @@ def _crowd(
         spare = int(0)
         i = match[y, x]
         if i >= 0:
-            k = wp.clamp(int(near * camera.fx / vertex[y, x][2] + 0.5), 0, MOST_PIXELS)
+            k = wp.clamp(int(near * camera.fx / frame.vertex[y, x][2] + 0.5), 0, MOST_PIXELS)
             for yy in range(wp.max(y - k, 0), wp.min(y + k + 1, camera.height)):
                 for xx in range(wp.max(x - k, 0), wp.min(x + k + 1, camera.width)):
                     j = match[yy, xx]
                     if j >= 0 and j != i:
-                        apart = position[j] - position[i]
-                        if weight[j] > weight[i] and wp.dot(apart, apart) < near * near:
+                        apart = m.position[j] - m.position[i]
+                        if m.weight[j] > m.weight[i] and wp.dot(apart, apart) < near * near:
                             spare = 1
         crowded[y, x] = wp.uint8(spare)
 
 
 @wp.kernel
 def _remove(
-    s: Slice, match: wp.array2d(dtype=wp.int32), crowded: wp.array2d(dtype=wp.uint8),
-    weight: wp.array(dtype=wp.float32),
-):  # fmt: skip
+    s: Slice,
+    match: wp.array2d(dtype=wp.int32),
+    crowded: wp.array2d(dtype=wp.uint8),
+    m: SurfelArrays,
+):
     row, lane = wp.tid()
     y = s.first + s.stride * row
     for x in range(lane, match.shape[1], s.step):
         if crowded[y, x] != wp.uint8(0):
-            weight[match[y, x]] = 0.0
+            m.weight[match[y, x]] = 0.0
 
 
 def find_uncovered(
@@ -143,27 +160,27 @@ def find_uncovered(
 ) -> None:
     """Mark the pixels that become surfels of a map with a finest resolution [m].
 
-    match: int32, shape (H, W), from `associate`; view: of the map, None if it is empty.
+    match: int32, shape (H, W), from `associate_surfels`; view: of the map, None if it is empty.
     is_new: out, int32, shape (H, W), 1 where a surfel is to be.
     """
     shape, device = match.shape, match.device
     wanted = scratch("wanted", shape, wp.uint8, device)
     seen = MapView(camera, T_world_camera, frame.vertex, frame.normal) if view is None else view
     T_view_camera = to_transform(np.linalg.inv(seen.T_world_camera) @ T_world_camera)
-    inputs: list[Any] = [camera, seen.camera, T_view_camera, int(view is not None), resolution]
-    inputs += [frame.vertex, frame.normal, frame.edge, match, seen.vertex, seen.normal]
+    inputs: list[Any] = [camera, resolution, frame.images, match]
+    inputs += [int(view is not None), seen.camera, T_view_camera, seen.vertex, seen.normal]
     launch_rows(_want, *shape, inputs, [wanted], device)
-    launch_rows(_choose, *shape, [camera, resolution, frame.vertex, wanted], [is_new], device)
+    launch_rows(_choose, *shape, [camera, resolution, frame.images, wanted], [is_new], device)
 
 
 def thin_out(
-    surfels: SurfelMap, camera: Camera, vertex: wp.array, match: wp.array, resolution: float
+    surfels: SurfelMap, camera: Camera, frame: FrameMaps, match: wp.array, resolution: float
 ) -> None:
     """Take out (weight 0) matched surfels that lie within half the resolution [m] of one with more confidence.
 
-    vertex: of the frame, vec3, match: of `associate`, int32, shapes (H, W).
+    frame: the maps of its level 0; match: of `associate_surfels`, int32, shape (H, W).
     """
     m, shape, device = surfels, match.shape, surfels.device
     crowded = scratch("crowded", shape, wp.uint8, device)
-    launch_rows(_crowd, *shape, [camera, resolution, vertex, match, m.position, m.weight], [crowded], device)
-    launch_rows(_remove, *shape, [match, crowded], [m.weight], device)
+    launch_rows(_crowd, *shape, [camera, resolution, frame.images, match, m.arrays], [crowded], device)
+    launch_rows(_remove, *shape, [match, crowded, m.arrays], [], device)

@@ -7,6 +7,8 @@ with the same test: does the pixel's ray hit the disc. Of the discs on the front
 to the ray is taken, not the foremost, which would pull every noisy surface towards the camera.
 """
 
+from typing import Any
+
 import numpy as np
 import warp as wp
 
@@ -23,7 +25,7 @@ from dsmap.kernels.pixel_min import (
     take_key,
 )
 from dsmap.kernels.prefetch import AHEAD, fetch_early
-from dsmap.kernels.types import SurfelMap
+from dsmap.kernels.types import SurfelArrays, SurfelMap
 
 WHOLE_FROM = wp.constant(2.2)
 """Discs whose shorter half-axis is at least this [px] are drawn whole: centres may be 1.5 pixels apart."""
@@ -46,8 +48,15 @@ ALWAYS = 2**31 - 1
 _face = wp.types.vector(length=8, dtype=wp.float32)
 """Of the surfel whose key won a pixel, in the camera's frame, in half a cache line: centre [m], squared radius,
 normal, weight."""
-_KEPT = {"own": wp.int32, "rank": wp.float32, "face": _face}
-"""A pixel's winner: its index, its depth among others [m], its face. One row: kernels index them by pixel."""
+
+
+@wp.struct
+class Winners:
+    """Of every pixel the surfel whose key won it. One row: kernels index them by pixel."""
+
+    index: wp.array(dtype=wp.int32)  # -1: none
+    rank: wp.array(dtype=wp.float32)  # depth by which it was compared [m]
+    face: wp.array(dtype=_face)
 
 
 @wp.struct
@@ -124,21 +133,25 @@ def _draw_whole(
 
 @wp.kernel
 def _splat(
-    s: Slice, blocks: wp.array(dtype=wp.int32), camera: Camera, T_camera_world: wp.mat44, select: Visible,
-    position: wp.array(dtype=wp.vec3), normal: wp.array(dtype=wp.vec3), weight: wp.array(dtype=wp.float32),
-    radius: wp.array(dtype=wp.float32), t_updated: wp.array(dtype=wp.int32), keys: wp.array2d(dtype=wp.uint64),
-):  # fmt: skip
+    s: Slice,
+    blocks: wp.array(dtype=wp.int32),
+    camera: Camera,
+    T_camera_world: wp.mat44,
+    select: Visible,
+    m: SurfelArrays,
+    keys: wp.array2d(dtype=wp.uint64),
+):
     first = first_surfel(s, blocks, wp.tid())
     border = float(MAX_SPLAT)
     if select.resolution > 0.0:
         border = float(MAX_COARSE_SPLAT)
     for i in range(first, wp.min(first + s.step, s.count)):
-        w = weight[i]
-        t = t_updated[i]
+        w = m.weight[i]
+        t = m.t_updated[i]
         if w <= 0.0 or w < select.min_weight or t < select.t_min or t > select.t_max:
             continue
-        p = transform(T_camera_world, position[i])
-        r = radius[i]
+        p = transform(T_camera_world, m.position[i])
+        r = m.radius[i]
         if p[2] <= 2.0 * r or p[2] > select.max_depth:
             continue
         u = project(camera, p)
@@ -146,7 +159,7 @@ def _splat(
             continue
         if u[0] > float(camera.width) + border or u[1] > float(camera.height) + border:
             continue
-        n = rotate(T_camera_world, normal[i])
+        n = rotate(T_camera_world, m.normal[i])
         facing = -wp.dot(n, p)
         if facing <= 0.0:
             continue
@@ -165,34 +178,35 @@ def _splat(
 
 @wp.kernel
 def _centres(
-    s: Slice, camera: Camera, T_camera_world: wp.mat44,
-    position: wp.array(dtype=wp.vec3), normal: wp.array(dtype=wp.vec3),
-    weight: wp.array(dtype=wp.float32), radius: wp.array(dtype=wp.float32),
-    keys: wp.array2d(dtype=wp.uint64), own: wp.array(dtype=wp.int32), rank: wp.array(dtype=wp.float32),
-    face: wp.array(dtype=_face),
-):  # fmt: skip
+    s: Slice,
+    camera: Camera,
+    T_camera_world: wp.mat44,
+    m: SurfelArrays,
+    keys: wp.array2d(dtype=wp.uint64),
+    winner: Winners,
+):
     # The winner of every pixel, side by side: its neighbours ask for it up to nine times.
     row, lane = wp.tid()
     y = s.first + s.stride * row
     for x in range(lane, camera.width, s.step):
         at = y * camera.width + x
         soon = key_index(keys[0, wp.min(at + AHEAD, keys.shape[1] - 1)])  # of EMPTY: -1
-        fetch_early(position, soon)
-        fetch_early(normal, soon)
-        fetch_early(weight, soon)
-        fetch_early(radius, soon)
+        fetch_early(m.position, soon)
+        fetch_early(m.normal, soon)
+        fetch_early(m.weight, soon)
+        fetch_early(m.radius, soon)
         best = take_key(keys, at)
-        winner = int(-1)
+        i = int(-1)
         depth = float(_NOTHING)
         if best != EMPTY:
-            winner = key_index(best)
+            i = key_index(best)
             depth = key_value(best)
-            r = radius[winner]
-            p = transform(T_camera_world, position[winner])
-            n = rotate(T_camera_world, normal[winner])
-            face[at] = _face(p[0], p[1], p[2], r * r, n[0], n[1], n[2], weight[winner])
-        own[at] = winner
-        rank[at] = depth
+            r = m.radius[i]
+            p = transform(T_camera_world, m.position[i])
+            n = rotate(T_camera_world, m.normal[i])
+            winner.face[at] = _face(p[0], p[1], p[2], r * r, n[0], n[1], n[2], m.weight[i])
+        winner.index[at] = i
+        winner.rank[at] = depth
 
 
 @wp.func
@@ -202,8 +216,7 @@ def _best_around(
     x: int,
     y: int,
     front: float,
-    rank: wp.array(dtype=wp.float32),
-    face: wp.array(dtype=_face),
+    winner: Winners,
 ) -> int:
     """The pixel of the 3x3 neighbourhood (-1: none) whose surfel is, on the surface in front, nearest to the ray."""
     view = ray(camera, float(x), float(y))
@@ -216,8 +229,8 @@ def _best_around(
         xx = wp.clamp(x + _STEP_X[k], 0, camera.width - 1)
         yy = wp.clamp(y + _STEP_Y[k], 0, camera.height - 1)
         at = yy * camera.width + xx
-        if rank[at] < _NOTHING and (k < 5 or best < 0 or best_depth > front + _thickness(front)):
-            f = face[at]
+        if winner.rank[at] < _NOTHING and (k < 5 or best < 0 or best_depth > front + _thickness(front)):
+            f = winner.face[at]
             p = wp.vec3(f[0], f[1], f[2])
             n = wp.vec3(f[4], f[5], f[6])
             towards = wp.dot(n, view)
@@ -238,15 +251,20 @@ def _best_around(
 
 @wp.kernel
 def _select(
-    s: Slice, camera: Camera, select: Visible,
-    own: wp.array(dtype=wp.int32), rank: wp.array(dtype=wp.float32), face: wp.array(dtype=_face),
-    index: wp.array2d(dtype=wp.int32), vertex: wp.array2d(dtype=wp.vec3), normal: wp.array2d(dtype=wp.vec3),
-):  # fmt: skip
+    s: Slice,
+    camera: Camera,
+    select: Visible,
+    winner: Winners,
+    index: wp.array2d(dtype=wp.int32),
+    vertex: wp.array2d(dtype=wp.vec3),
+    normal: wp.array2d(dtype=wp.vec3),
+):
     row, lane = wp.tid()
     y = s.first + s.stride * row
     above = wp.max(y - 1, 0) * camera.width
     here = y * camera.width
     below = wp.min(y + 1, camera.height - 1) * camera.width
+    rank = winner.rank
     for x in range(lane, camera.width, s.step):
         left = wp.max(x - 1, 0)
         right = wp.min(x + 1, camera.width - 1)
@@ -259,16 +277,24 @@ def _select(
         if front < _NOTHING:
             at = here + x
             if rank[at] > front + _thickness(front):
-                at = _best_around(camera, select, x, y, front, rank, face)
+                at = _best_around(camera, select, x, y, front, winner)
             if at >= 0:
-                seen = own[at]
-                f = face[at]
+                seen = winner.index[at]
+                f = winner.face[at]
                 r = ray(camera, float(x), float(y))
                 n = wp.vec3(f[4], f[5], f[6])
                 v = ray_disc_depth(wp.vec3(f[0], f[1], f[2]), n, r) * r
         index[y, x] = seen
         vertex[y, x] = v
         normal[y, x] = n
+
+
+def _winners(pixels: int, device: Any) -> Winners:
+    """Scratch memory for the winners of an image."""
+    winner = Winners()
+    for name, dtype in (("index", wp.int32), ("rank", wp.float32), ("face", _face)):
+        setattr(winner, name, scratch(f"winner {name}", (pixels,), dtype, device))
+    return winner
 
 
 def render_index(
@@ -304,12 +330,10 @@ def render_index(
     select.t_min, select.t_max, select.max_depth, select.resolution = t_min, t_max, max_depth, resolution
     m, T_camera_world, shape = surfels, to_transform(np.linalg.inv(T_world_camera)), index.shape
     keys = key_buffer(*shape, m.device)
-    inputs = [camera, T_camera_world, select, m.position, m.normal, m.weight, m.radius, m.t_updated]
-    launch_blocks(_splat, visible, m.count, inputs, [keys], m.device)
-    kept = [scratch(name, (shape[0] * shape[1],), dtype, m.device) for name, dtype in _KEPT.items()]
-    inputs = [camera, T_camera_world, m.position, m.normal, m.weight, m.radius]
-    launch_rows(_centres, *shape, inputs, [keys, *kept], m.device)
+    launch_blocks(_splat, visible, m.count, [camera, T_camera_world, select, m.arrays], [keys], m.device)
+    winner = _winners(shape[0] * shape[1], m.device)
+    launch_rows(_centres, *shape, [camera, T_camera_world, m.arrays], [keys, winner], m.device)
     release(keys)
     if vertex is None or normal is None:
         vertex, normal = (scratch(name, shape, wp.vec3, m.device) for name in ("vertex", "normal"))
-    launch_rows(_select, *shape, [camera, select, *kept], [index, vertex, normal], m.device)
+    launch_rows(_select, *shape, [camera, select, winner], [index, vertex, normal], m.device)

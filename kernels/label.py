@@ -10,7 +10,7 @@ from dsmap.errors import InputError
 from dsmap.kernels.camera import Camera, surfel_at, to_transform
 from dsmap.kernels.label_smooth import vec14
 from dsmap.kernels.launch import Slice, first_surfel, launch_blocks, launch_rows
-from dsmap.kernels.types import NUM_EVIDENCE, SurfelArrays, SurfelMap
+from dsmap.kernels.types import NUM_EVIDENCE, FrameImages, FrameMaps, SurfelArrays, SurfelMap
 
 Rule = Literal["bayes", "mean", "geometric"]
 """How observations combine: product (Eq. 5-6), arithmetic mean, or geometric mean of the probabilities."""
@@ -105,8 +105,7 @@ def _observe(
     T_camera_world: wp.mat44,
     gate: Gate,
     is_log: int,
-    depth: wp.array2d(dtype=wp.float32),
-    edge: wp.array2d(dtype=wp.uint8),
+    frame: FrameImages,
     observed: wp.array2d(dtype=vec13),
     weight_of: wp.array2d(dtype=wp.float32),
     m: SurfelArrays,
@@ -114,13 +113,13 @@ def _observe(
 ):
     first = first_surfel(s, blocks, wp.tid())
     for i in range(first, wp.min(first + s.step, s.count)):
-        p, at = surfel_at(camera, T_camera_world, i, gate.t_min, m.position, m.weight, m.t_updated)
+        p, at = surfel_at(camera, T_camera_world, i, gate.t_min, m)
         x = at[0]
         y = at[1]
         if x < 0:
             continue
-        d = depth[y, x]
-        if d <= 0.0 or edge[y, x] != wp.uint8(0):
+        d = frame.depth[y, x]
+        if d <= 0.0 or frame.edge[y, x] != wp.uint8(0):
             continue
         if wp.abs(p[2] - d) >= wp.max(gate.max_distance, gate.max_distance_z2 * d * d):
             continue
@@ -153,8 +152,7 @@ def update_labels(
     surfels: SurfelMap,
     camera: Camera,
     T_world_camera: np.ndarray,
-    depth: wp.array,
-    edge: wp.array,
+    frame: FrameMaps,
     probabilities: Any,
     *,
     rule: Rule = "bayes",
@@ -175,7 +173,7 @@ def update_labels(
     Each observation weighs (1 - H / log 13)^sureness for its entropy H, at least 0.02^sureness; 0: all weigh 1. The
     label becomes the class of most evidence, observations grow by the weight.
 
-    depth [m], edge: the frame's maps, shapes (H, W).
+    frame: the maps of its level 0.
     visible: blocks that may hold surfels in view (see `culling.Blocks`); None walks the whole map.
     probabilities: float32, shape (h, w, 14), NumPy or Warp, or vec14, shape (h, w), any resolution of the
     whole image; sampled bilinearly (log probabilities for bayes and geometric) at the pixel's centre.
@@ -200,7 +198,7 @@ def update_labels(
     gate = Gate()
     gate.max_distance, gate.max_distance_z2, gate.t_min = max_distance, max_distance_z2, t_min
     T_camera_world = to_transform(np.linalg.inv(T_world_camera))
-    inputs = [camera, T_camera_world, gate, use_log, depth, edge, observed, weight_of, m.arrays]
+    inputs = [camera, T_camera_world, gate, use_log, frame.images, observed, weight_of, m.arrays]
     launch_blocks(_observe, visible, m.count, inputs, [_rows_as_vectors(m.evidence)], device)
 
 

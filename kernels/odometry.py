@@ -16,7 +16,7 @@ from dsmap.kernels.launch import Slice, launch_rows, record_rows
 from dsmap.kernels.pixel_min import scratch
 from dsmap.kernels.runtime import struct
 from dsmap.kernels.shutter import Shutter, make_shutter, moved
-from dsmap.kernels.types import Surface
+from dsmap.kernels.types import Surface, SurfaceImages
 
 SUMS = wp.constant(64)
 """Sums a residual term: (J, r)^T (J, r, 0) in 7 rows of 8, number of residuals, and a rest that is not used."""
@@ -93,12 +93,16 @@ def _bilinear2(image: wp.array2d(dtype=wp.vec2), u: wp.vec2, x0: int, y0: int) -
 
 @wp.kernel
 def _joint(
-    s: Slice, camera: Camera, T: wp.mat44, shutter: Shutter, gates: TrackingGates,
-    vertex: wp.array2d(dtype=wp.vec3), normal: wp.array2d(dtype=wp.vec3), intensity: wp.array2d(dtype=float),
-    model_vertex: wp.array2d(dtype=wp.vec3), model_normal: wp.array2d(dtype=wp.vec3),
-    model_intensity: wp.array2d(dtype=float), model_gradient: wp.array2d(dtype=wp.vec2),
-    icp: wp.array(dtype=float), rgb: wp.array(dtype=float),
-):  # fmt: skip
+    s: Slice,
+    camera: Camera,
+    T: wp.mat44,
+    shutter: Shutter,
+    gates: TrackingGates,
+    frame: SurfaceImages,
+    model: SurfaceImages,
+    icp: wp.array(dtype=float),
+    rgb: wp.array(dtype=float),
+):
     row, lane = wp.tid()
     y = (s.first + s.stride * row) * gates.stride
     own = (s.first + s.stride * row) * s.step + lane  # this thread's sums: nobody else adds to them
@@ -106,7 +110,7 @@ def _joint(
         icp[own * SUMS + k] = 0.0
         rgb[own * SUMS + k] = 0.0
     for x in range(lane * gates.stride, camera.width, s.step * gates.stride):
-        v = vertex[y, x]
+        v = frame.vertex[y, x]
         if v[2] <= 0.0:
             continue
         p = transform(T, moved(shutter, v, float(y) - shutter.middle))
@@ -117,13 +121,13 @@ def _joint(
         py = pixel_of(u[1])
         if px < 0 or py < 0 or px >= camera.width or py >= camera.height:
             continue
-        mv = model_vertex[py, px]
+        mv = model.vertex[py, px]
         gap = mv - p
         if mv[2] <= 0.0 or wp.dot(gap, gap) > gates.max_distance * gates.max_distance:
             continue
         noise = 1.0 / (1.0 + gates.noise_z * v[2] * v[2])
-        mn = model_normal[py, px]
-        if wp.dot(rotate(T, normal[y, x]), mn) > gates.min_cosine:
+        mn = model.normal[py, px]
+        if wp.dot(rotate(T, frame.normal[y, x]), mn) > gates.min_cosine:
             # Eq. 1: ((v^k - exp(xi^) T v_t^k) . n^k)^2, with d(exp(xi^) p) = t + omega x p
             r = wp.dot(gap, mn)
             _add(icp, own, mn, wp.cross(p, mn), r, noise * noise * _huber(r, gates.huber_icp))
@@ -131,11 +135,11 @@ def _joint(
         y0 = int(wp.floor(u[1]))
         if x0 < 0 or y0 < 0 or x0 + 1 >= camera.width or y0 + 1 >= camera.height:
             continue
-        g = _bilinear2(model_gradient, u, x0, y0)
+        g = _bilinear2(model.gradient, u, x0, y0)
         if wp.dot(g, g) < gates.min_gradient * gates.min_gradient:
             continue
         # Eq. 2, I(u, c_t) at the model's exposure: (I(u, c_t) - I(pi(K exp(xi^) T p(u, D_t)), c^a_{t-1}))^2
-        r = gates.gain * intensity[y, x] - _bilinear(model_intensity, u, x0, y0)
+        r = gates.gain * frame.intensity[y, x] - _bilinear(model.intensity, u, x0, y0)
         if wp.abs(r) > gates.max_intensity:
             continue
         gx = g[0] * camera.fx / p[2]
@@ -146,10 +150,14 @@ def _joint(
 
 @wp.kernel
 def _rotation(
-    s: Slice, camera: Camera, R: wp.mat44, intensity: wp.array2d(dtype=float),
-    last_intensity: wp.array2d(dtype=float), last_gradient: wp.array2d(dtype=wp.vec2),
+    s: Slice,
+    camera: Camera,
+    R: wp.mat44,
+    intensity: wp.array2d(dtype=float),
+    last_intensity: wp.array2d(dtype=float),
+    last_gradient: wp.array2d(dtype=wp.vec2),
     partial: wp.array2d(dtype=_sums3),
-):  # fmt: skip
+):
     row, lane = wp.tid()
     y = s.first + s.stride * row
     sums = _sums3()
@@ -182,9 +190,12 @@ def _rotation(
 
 @wp.kernel
 def _gradient(
-    s: Slice, intensity: wp.array2d(dtype=float), vertex: wp.array2d(dtype=wp.vec3), masked: int,
+    s: Slice,
+    masked: int,
+    intensity: wp.array2d(dtype=float),
+    vertex: wp.array2d(dtype=wp.vec3),
     gradient: wp.array2d(dtype=wp.vec2),
-):  # fmt: skip
+):
     row, lane = wp.tid()
     y = s.first + s.stride * row
     height, width = intensity.shape[0], intensity.shape[1]
@@ -260,9 +271,8 @@ def gradient(intensity: wp.array, vertex: wp.array | None = None) -> wp.array:
     """
     out = wp.empty(intensity.shape, dtype=wp.vec2, device=intensity.device)
     mask = vertex if vertex is not None else wp.empty((1, 1), dtype=wp.vec3, device=intensity.device)
-    launch_rows(
-        _gradient, *intensity.shape, [intensity, mask, int(vertex is not None)], [out], intensity.device
-    )
+    inputs = [int(vertex is not None), intensity, mask]
+    launch_rows(_gradient, *intensity.shape, inputs, [out], intensity.device)
     return out
 
 
@@ -285,9 +295,7 @@ def joint_normal_equations(
     rows = (camera.height + gates.stride - 1) // gates.stride
     lanes = _lanes(device)
     partial = [scratch(name, (rows * lanes * SUMS,), float, device) for name in ("icp", "rgb")]
-    images = [frame.vertex, frame.normal, frame.intensity]
-    images += [model.vertex, model.normal, model.intensity, model.gradient]
-    inputs = [camera, wp.mat44(), make_shutter(camera, None, 0.0), gates, *images]
+    inputs = [camera, wp.mat44(), make_shutter(camera, None, 0.0), gates, frame.images, model.images]
     launch = record_rows(_joint, rows, _COST * camera.width // gates.stride, inputs, partial, device, lanes)
 
     def at(

@@ -7,31 +7,30 @@ from dsmap.kernels.camera import Camera
 from dsmap.kernels.index_map import ALWAYS, UNSTABLE_PENALTY, render_index
 from dsmap.kernels.launch import Slice, launch_rows
 from dsmap.kernels.prefetch import AHEAD, fetch_early
-from dsmap.kernels.types import ModelMaps, SurfelMap
+from dsmap.kernels.types import ModelMaps, SurfelArrays, SurfelMap
 
 
 @wp.kernel
 def _resolve(
     s: Slice,
     index: wp.array2d(dtype=wp.int32),
-    colour: wp.array(dtype=wp.vec3),
-    t_updated: wp.array(dtype=wp.int32),
-    out_colour: wp.array2d(dtype=wp.vec3),
-    out_time: wp.array2d(dtype=wp.int32),
+    m: SurfelArrays,
+    colour: wp.array2d(dtype=wp.vec3),
+    time: wp.array2d(dtype=wp.int32),
 ):
     row, lane = wp.tid()
     y = s.first + s.stride * row
     for x in range(lane, index.shape[1], s.step):
         soon = index[y, wp.min(x + AHEAD, index.shape[1] - 1)]
-        fetch_early(colour, soon)
-        fetch_early(t_updated, soon)
+        fetch_early(m.colour, soon)
+        fetch_early(m.t_updated, soon)
         i = index[y, x]
         if i >= 0:
-            out_colour[y, x] = colour[i]
-            out_time[y, x] = t_updated[i]
+            colour[y, x] = m.colour[i]
+            time[y, x] = m.t_updated[i]
         else:
-            out_colour[y, x] = wp.vec3(0.0, 0.0, 0.0)
-            out_time[y, x] = -1
+            colour[y, x] = wp.vec3(0.0, 0.0, 0.0)
+            time[y, x] = -1
 
 
 def predict_model(
@@ -62,5 +61,4 @@ def predict_model(
         stable_weight=stable_weight, t_min=t_min, t_max=t_max, penalty=penalty, visible=visible,
         vertex=maps.vertex, normal=maps.normal, resolution=resolution,
     )  # fmt: skip
-    inputs = [maps.index, m.colour, m.t_updated]
-    launch_rows(_resolve, *maps.index.shape, inputs, [maps.colour, maps.time], m.device)
+    launch_rows(_resolve, *maps.index.shape, [maps.index, m.arrays], [maps.colour, maps.time], m.device)

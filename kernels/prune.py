@@ -5,7 +5,7 @@ import warp as wp
 
 from dsmap.kernels.camera import Camera, pixel_at, to_transform, transform
 from dsmap.kernels.launch import Slice, first_surfel, launch_blocks, num_slices
-from dsmap.kernels.types import SurfelMap
+from dsmap.kernels.types import FrameImages, FrameMaps, SurfelArrays, SurfelMap
 
 SAME_DEPTH = wp.constant(0.01)
 SAME_DEPTH_Z2 = wp.constant(0.005)
@@ -30,19 +30,13 @@ class Rules:
 
 
 @wp.func
-def _seen_through(
-    camera: Camera,
-    p: wp.vec3,
-    rules: Rules,
-    depth: wp.array2d(dtype=wp.float32),
-    edge: wp.array2d(dtype=wp.uint8),
-) -> bool:
+def _seen_through(camera: Camera, p: wp.vec3, rules: Rules, frame: FrameImages) -> bool:
     """Whether the measured surface lies clearly behind a camera-frame point."""
     at = pixel_at(camera, p)
     if at[0] < 0:
         return False
-    d = depth[at[1], at[0]]
-    if d <= 0.0 or d > rules.max_depth or edge[at[1], at[0]] != wp.uint8(0):
+    d = frame.depth[at[1], at[0]]
+    if d <= 0.0 or d > rules.max_depth or frame.edge[at[1], at[0]] != wp.uint8(0):
         return False
     return d - p[2] > wp.max(rules.margin, rules.margin_z2 * d * d)
 
@@ -52,13 +46,10 @@ def _is_duplicate(
     camera: Camera,
     p: wp.vec3,
     i: int,
-    depth: wp.array2d(dtype=wp.float32),
-    match: wp.array2d(dtype=wp.int32),
-    normal: wp.array(dtype=wp.vec3),
-    radius: wp.array(dtype=wp.float32),
-    t_updated: wp.array(dtype=wp.int32),
-    weight: wp.array(dtype=wp.float32),
     time: int,
+    frame: FrameImages,
+    match: wp.array2d(dtype=wp.int32),
+    m: SurfelArrays,
 ) -> bool:
     """Whether the pixel's matched surfel, of more confidence, stands for the same bit of surface as surfel i.
 
@@ -70,15 +61,15 @@ def _is_duplicate(
     j = match[at[1], at[0]]
     if j < 0:
         return False
-    if t_updated[j] != time:  # only a weight that this launch does not change can be compared with
+    if m.t_updated[j] != time:  # only a weight that this launch does not change can be compared with
         return False
-    d = depth[at[1], at[0]]
+    d = frame.depth[at[1], at[0]]
     near = wp.abs(d - p[2]) < SAME_DEPTH + SAME_DEPTH_Z2 * d * d
     return (
         near
-        and radius[i] * camera.fx > p[2]
-        and weight[i] < weight[j]
-        and wp.dot(normal[i], normal[j]) > SAME_NORMAL
+        and m.radius[i] * camera.fx > p[2]
+        and m.weight[i] < m.weight[j]
+        and wp.dot(m.normal[i], m.normal[j]) > SAME_NORMAL
     )
 
 
@@ -89,38 +80,31 @@ def _judge(
     camera: Camera,
     T_camera_world: wp.mat44,
     rules: Rules,
-    depth: wp.array2d(dtype=wp.float32),
-    edge: wp.array2d(dtype=wp.uint8),
+    frame: FrameImages,
     match: wp.array2d(dtype=wp.int32),
-    position: wp.array(dtype=wp.vec3),
-    normal: wp.array(dtype=wp.vec3),
-    radius: wp.array(dtype=wp.float32),
-    t_updated: wp.array(dtype=wp.int32),
-    weight: wp.array(dtype=wp.float32),
+    m: SurfelArrays,
     dead: wp.array(dtype=wp.int32),
 ):
     first = first_surfel(s, blocks, wp.tid())
     gone = int(0)
     for i in range(first, wp.min(first + s.step, s.count)):
-        w = weight[i]
-        t = t_updated[i]
+        w = m.weight[i]
+        t = m.t_updated[i]
         if w > 0.0:
             if w < rules.stable_weight and rules.time - t > rules.max_unseen:
-                weight[i] = 0.0
+                m.weight[i] = 0.0
                 gone += 1
             elif t >= rules.t_min:
-                p = transform(T_camera_world, position[i])
+                p = transform(T_camera_world, m.position[i])
                 # A surfel that was fused just now (t == now) is neither: it is where the surface is.
-                if t < rules.time and _is_duplicate(
-                    camera, p, i, depth, match, normal, radius, t_updated, weight, rules.time
-                ):
-                    weight[i] = 0.0
+                if t < rules.time and _is_duplicate(camera, p, i, rules.time, frame, match, m):
+                    m.weight[i] = 0.0
                     gone += 1
-                elif t < rules.time and _seen_through(camera, p, rules, depth, edge):
+                elif t < rules.time and _seen_through(camera, p, rules, frame):
                     left = float(0.0)
                     if w >= rules.stable_weight:
                         left = wp.max(w - wp.max(rules.decay, rules.decay_share * w), 0.0)
-                    weight[i] = left
+                    m.weight[i] = left
                     if left == 0.0:
                         gone += 1
     if gone > 0:
@@ -131,8 +115,7 @@ def prune(
     surfels: SurfelMap,
     camera: Camera,
     T_world_camera: np.ndarray,
-    depth: wp.array,
-    edge: wp.array,
+    frame: FrameMaps,
     match: wp.array,
     *,
     time: int,
@@ -155,8 +138,8 @@ def prune(
     and about ten times as many, not hundreds, if it has been seen for minutes.
     A surfel without a match whose pixel is matched by a surfel of more confidence, at the same depth and with
     the same normal, is a duplicate and dies, unless it is finer than the pixel.
-    depth [m], edge and match (of `associate_surfels`): the frame's maps, shapes (H, W); pixels on edges or beyond
-    max_depth say nothing about what stands before them.
+    frame: the maps of its level 0; pixels on edges or beyond max_depth say nothing about what stands before them.
+    match: of `associate_surfels`, shape (H, W).
     walk: blocks in view and those in which surfels may be overdue (see `culling.Blocks`); None: the whole map.
     """
     rules = Rules()
@@ -166,17 +149,7 @@ def prune(
     rules.margin, rules.margin_z2, rules.max_depth = margin, margin_z2, max_depth
     m = surfels
     dead = wp.zeros(num_slices(m.device), dtype=wp.int32, device=m.device)
-    inputs = [
-        camera,
-        to_transform(np.linalg.inv(T_world_camera)),
-        rules,
-        depth,
-        edge,
-        match,
-        m.position,
-        m.normal,
-        m.radius,
-        m.t_updated,
-    ]
-    launch_blocks(_judge, walk, m.count, inputs, [m.weight, dead], m.device)
+    T_camera_world = to_transform(np.linalg.inv(T_world_camera))
+    inputs = [camera, T_camera_world, rules, frame.images, match, m.arrays]
+    launch_blocks(_judge, walk, m.count, inputs, [dead], m.device)
     return int(dead.numpy().sum())

@@ -69,7 +69,7 @@ def _nearest(grid: wp.uint64, x: wp.vec3, reach: float, position: wp.array(dtype
     return best
 
 
-@wp.kernel(enable_backward=False)
+@wp.kernel
 def _distances(
     s: Slice, grid: wp.uint64, first: wp.vec3i, corners: int, side: float, spread: float, reach: float,
     position: wp.array(dtype=wp.vec3), normal: wp.array(dtype=wp.vec3), weight: wp.array(dtype=wp.float32),
@@ -106,7 +106,7 @@ def _distances(
         value[item] = out
 
 
-@wp.kernel(enable_backward=False)
+@wp.kernel
 def _paint(
     s: Slice, grid: wp.uint64, spread: float, reach: float, points: wp.array(dtype=wp.vec3),
     position: wp.array(dtype=wp.vec3), normal: wp.array(dtype=wp.vec3), colour: wp.array(dtype=wp.vec3),

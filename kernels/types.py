@@ -4,6 +4,7 @@ Structures of arrays. An invalid pixel has vertex.z == 0 and normal == 0; an emp
 """
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,7 @@ row, so that up to this size growing copies nothing and no frame waits for it; b
 class FrameImages:
     """What fusion takes from the finest FrameMaps of a frame (see there), as kernels take it."""
 
+    depth: wp.array2d(dtype=wp.float32)
     vertex: wp.array2d(dtype=wp.vec3)
     normal: wp.array2d(dtype=wp.vec3)
     colour: wp.array2d(dtype=wp.vec3)
@@ -31,7 +33,7 @@ class FrameImages:
     edge: wp.array2d(dtype=wp.uint8)
 
 
-@dataclass
+@dataclass(frozen=True)
 class FrameMaps:
     """Maps of one camera frame at one pyramid level, in the camera frame. Shapes (H, W)."""
 
@@ -43,7 +45,7 @@ class FrameMaps:
     colour: Any = None  # vec3 RGB in [0, 1], level 0 only
     edge: Any = None  # uint8, 1 on depth edges, level 0 only
 
-    @property
+    @cached_property
     def images(self) -> FrameImages:
         """Level 0 as kernels take it."""
         images = FrameImages()
@@ -57,6 +59,16 @@ class FrameMaps:
         return Surface(self.vertex, self.normal, self.intensity)
 
 
+@wp.struct
+class SurfaceImages:
+    """The images of a Surface (see there), as kernels take them."""
+
+    vertex: wp.array2d(dtype=wp.vec3)
+    normal: wp.array2d(dtype=wp.vec3)
+    intensity: wp.array2d(dtype=wp.float32)
+    gradient: wp.array2d(dtype=wp.vec2)
+
+
 @dataclass
 class Surface:
     """What a frame or a view shows of a surface, on one pyramid level; images of one camera, shape (H, W)."""
@@ -65,6 +77,14 @@ class Surface:
     normal: wp.array  # vec3
     intensity: wp.array  # float32 in [0, 1]
     gradient: wp.array | None = None  # vec2 [1 / px], of views that something is registered to
+
+    @property
+    def images(self) -> SurfaceImages:
+        """What kernels take; a gradient that there is not is an empty array."""
+        images = SurfaceImages()
+        for name in SurfaceImages.vars:
+            setattr(images, name, getattr(self, name))
+        return images
 
 
 @dataclass

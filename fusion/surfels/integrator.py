@@ -41,8 +41,8 @@ class Integrator:
         surfels = self.config.surfels
         self.visible = self.views.visible(T_world_camera)
         associate_surfels(
-            self.views.surfels, self._camera, T_world_camera, maps.vertex, maps.normal, maps.edge,
-            match=self._match, max_ray_distance=surfels.max_ray_distance,
+            self.views.surfels, self._camera, T_world_camera, maps, match=self._match,
+            max_ray_distance=surfels.max_ray_distance,
             max_ray_distance_z2=surfels.ray_distance_z2, max_angle=surfels.max_angle, t_min=t_active,
             visible=self.visible,
         )  # fmt: skip
@@ -72,10 +72,10 @@ class Integrator:
         assert walk is not None
         if time % surfels.clean_every == 0:
             if surfels.resolution > 0:
-                thin_out(self.views.surfels, self._camera, maps.vertex, self._match, surfels.resolution)
+                thin_out(self.views.surfels, self._camera, maps, self._match, surfels.resolution)
             walk = self.views.blocks.to_clean(walk, time, surfels.unstable_frames)
             prune(
-                self.views.surfels, self._camera, T_world_camera, maps.depth, maps.edge, self._match, time=time,
+                self.views.surfels, self._camera, T_world_camera, maps, self._match, time=time,
                 stable_weight=surfels.stable_weight, max_unseen=surfels.unstable_frames, t_min=t_active,
                 margin=surfels.max_ray_distance, margin_z2=surfels.ray_distance_z2, walk=walk,
             )  # fmt: skip
@@ -96,7 +96,7 @@ class Integrator:
                 probabilities, self._camera, maps.vertex, maps.normal, radius=labels.smooth
             )
         update_labels(
-            self.views.surfels, self._camera, T_world_camera, maps.depth, maps.edge, observed,
+            self.views.surfels, self._camera, T_world_camera, maps, observed,
             rule=labels.rule, floor=labels.floor,
             sureness=0.0 if labels.rule == "bayes" else labels.sureness, max_distance=surfels.max_ray_distance,
             max_distance_z2=surfels.ray_distance_z2, t_min=t_active, visible=self.visible,

@@ -21,7 +21,7 @@ NEAR = make_camera(Intrinsics(160, 120, 130.0, 130.0, 79.5, 59.5))
 
 def match_of(surfels, T, maps, camera=CAMERA) -> wp.array:
     match = wp.empty(maps.edge.shape, dtype=wp.int32, device="cpu")
-    associate_surfels(surfels, camera, T, maps.vertex, maps.normal, maps.edge, match=match)
+    associate_surfels(surfels, camera, T, maps, match=match)
     return match
 
 
@@ -51,7 +51,7 @@ def test_thinning_out_equals_its_twin():
         reference_map.arrays(surfels), CAMERA, arrays["vertex"], match.numpy(), 0.08
     )
     before = surfels.weight.numpy().copy()
-    thin_out(surfels, CAMERA, maps.vertex, match, 0.08)
+    thin_out(surfels, CAMERA, maps, match, 0.08)
     np.testing.assert_array_equal(surfels.weight.numpy(), expected)
     assert 20 < (before != expected).sum() < 0.5 * (before > 0).sum()
 
@@ -132,5 +132,5 @@ def test_two_surfels_at_one_place_become_one():
     surfels.numpy()["position"][count:, 0] += 0.007
     surfels.numpy()["weight"][count:] *= 0.5
     for _ in range(2):
-        thin_out(surfels, NEAR, maps.vertex, match_of(surfels, np.eye(4), maps, NEAR), 0.02)
+        thin_out(surfels, NEAR, maps, match_of(surfels, np.eye(4), maps, NEAR), 0.02)
     assert (surfels.numpy()["weight"] > 0).sum() < 1.1 * count

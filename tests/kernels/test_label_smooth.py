@@ -66,6 +66,6 @@ def test_the_result_is_what_label_fusion_takes():
     maps, p = random_scene.frame_maps(frame), random_scene.softmax_image(0, 48, 64)
     smooth = smooth_probabilities(p, CAMERA, maps.vertex, maps.normal, radius=0.1)
     by_kernel, by_hand = (random_scene.surfel_map(T, count=800, seed=1) for _ in range(2))
-    update_labels(by_kernel, CAMERA, T, maps.depth, maps.edge, smooth)
-    update_labels(by_hand, CAMERA, T, maps.depth, maps.edge, smooth.numpy())
+    update_labels(by_kernel, CAMERA, T, maps, smooth)
+    update_labels(by_hand, CAMERA, T, maps, smooth.numpy())
     np.testing.assert_array_equal(by_kernel.numpy()["evidence"], by_hand.numpy()["evidence"])

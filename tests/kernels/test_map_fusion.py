@@ -1,5 +1,7 @@
 """Association, fusion and clean-up: against their NumPy twins, and over a moving camera."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 import warp as wp
@@ -33,7 +35,7 @@ def scene(seed: int):
 
 def matched(surfels, T, maps, **options) -> wp.array:
     match = new_match()
-    associate_surfels(surfels, CAMERA, T, maps.vertex, maps.normal, maps.edge, match=match, **options)
+    associate_surfels(surfels, CAMERA, T, maps, match=match, **options)
     return match
 
 
@@ -159,7 +161,7 @@ def test_clean_up_equals_its_twin(seed, options):
     )
     assert (expected == 0).sum() > (without == 0).sum(), "the scene holds duplicates"
     alive_before = count_alive(surfels)
-    dead = prune(surfels, CAMERA, T, maps.depth, maps.edge, match, time=TIME, **options)
+    dead = prune(surfels, CAMERA, T, maps, match, time=TIME, **options)
     weight = surfels.weight.numpy()[: surfels.count]
     np.testing.assert_allclose(weight, expected, rtol=1e-6)
     assert dead == alive_before - count_alive(surfels) > 0
@@ -171,11 +173,11 @@ def test_one_bad_depth_image_does_not_erase_a_stable_map_but_an_opened_door_does
         T, maps = flat_frame(rng)
         fuse_frame(surfels, CAMERA, T, maps, matched(surfels, T, maps), time=time)
     surfels.weight.numpy()[: surfels.count] += 10  # all are stable
-    far = wp.full(SHAPE, 3.0, dtype=wp.float32, device="cpu")
+    far = dataclasses.replace(maps, depth=wp.full(SHAPE, 3.0, dtype=wp.float32, device="cpu"))
     nothing = matched(surfels, T, maps)
     nothing.fill_(-1)
-    assert prune(surfels, CAMERA, T, far, maps.edge, nothing, time=40) == 0
-    dead = [prune(surfels, CAMERA, T, far, maps.edge, nothing, time=time) for time in range(41, 61)]
+    assert prune(surfels, CAMERA, T, far, nothing, time=40) == 0
+    dead = [prune(surfels, CAMERA, T, far, nothing, time=time) for time in range(41, 61)]
     assert sum(dead) == surfels.count
 
 
@@ -196,7 +198,7 @@ def test_the_two_walls_of_a_closed_loop_become_one():
         T, maps = flat_frame(rng, noise=0.002, x_offset=0.3 * (time - now - 21) * 1.5 / CAMERA.fx)
         match = matched(surfels, T, maps, t_min=now)
         fuse_frame(surfels, CAMERA, T, maps, match, time=time)
-        prune(surfels, CAMERA, T, maps.depth, maps.edge, match, time=time, t_min=now)
+        prune(surfels, CAMERA, T, maps, match, time=time, t_min=now)
     s = {name: array[surfels.numpy()["weight"] > 0] for name, array in surfels.numpy().items()}
     in_view = (np.abs(s["position"][:, 0]) < 0.5) & (np.abs(s["position"][:, 1]) < 0.5)
     per_pixel = in_view.sum() * (1.5 / CAMERA.fx) * (1.5 / CAMERA.fy)
@@ -254,11 +256,11 @@ def test_the_number_of_threads_changes_nothing(monkeypatch):
             T, frame = random_scene.pose(0), random_scene.frame_arrays(time)
             T[:3, 3] += 0.01 * time
             maps = random_scene.frame_maps(frame)
-            associate_surfels(surfels, CAMERA, T, maps.vertex, maps.normal, maps.edge, match=match)
+            associate_surfels(surfels, CAMERA, T, maps, match=match)
             fuse_frame(surfels, CAMERA, T, maps, match, time=time)
-            prune(surfels, CAMERA, T, maps.depth, maps.edge, match, time=time)
+            prune(surfels, CAMERA, T, maps, match, time=time)
             compact(surfels)
-            update_labels(surfels, CAMERA, T, maps.depth, maps.edge, probabilities)
+            update_labels(surfels, CAMERA, T, maps, probabilities)
             render_index(surfels, CAMERA, T, max_depth=3.0, index=index)
         results.append([match.numpy().copy(), index.numpy().copy(), *reference_map.arrays(surfels).values()])
     for one, three in zip(*results, strict=True):

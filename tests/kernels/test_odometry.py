@@ -52,8 +52,10 @@ def test_exposure_is_not_taken_for_motion():
     """A frame exposed a quarter darker than the model: the same pose as without, and not without the gain."""
     T = exp_se3(np.array([0.02, -0.01, 0.015, 0.01, 0.02, -0.01]))
     frame, model, _ = pair(T)
-    for maps in frame:
-        maps.intensity = wp.array(0.75 * maps.intensity.numpy(), dtype=wp.float32)
+    frame = [
+        dataclasses.replace(m, intensity=wp.array(0.75 * m.intensity.numpy(), dtype=wp.float32))
+        for m in frame
+    ]
     coarsest = frame[-1].surface
     assert exposure_gain(coarsest, model.level(-1)) == pytest.approx(1 / 0.75, rel=0.05)
     errors = {}

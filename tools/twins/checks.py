@@ -55,7 +55,7 @@ def _scene(
     T, arrays = pose(seed), frame_arrays(seed)
     maps, m = frame_maps(arrays, device), surfel_map(T, count, seed, device=device)
     match = wp.empty(_SHAPE, dtype=wp.int32, device=device)
-    associate_surfels(m, CAMERA, T, maps.vertex, maps.normal, maps.edge, match=match)
+    associate_surfels(m, CAMERA, T, maps, match=match)
     return T, arrays, maps, m, match
 
 
@@ -175,7 +175,7 @@ def _coverage(device: Any) -> float:
     view = (CAMERA, T, seen.vertex.numpy(), seen.normal.numpy())
     new = _apart(is_new, surfels.find_uncovered(CAMERA, T, arrays, match.numpy(), 0.07, view))
     expected = surfels.thin_out(_rows(m), CAMERA, arrays["vertex"], match.numpy(), 0.08)
-    thin_out(m, CAMERA, maps.vertex, match, 0.08)
+    thin_out(m, CAMERA, maps, match, 0.08)
     return max(new, _apart(_rows(m)["weight"], expected))
 
 
@@ -183,7 +183,7 @@ def _prune(device: Any) -> float:
     T, arrays, maps, m, match = _scene(device)
     options: dict[str, Any] = {"time": TIME, "t_min": 10}
     expected = surfels.prune(_rows(m), CAMERA, T, arrays["depth"], arrays["edge"], match.numpy(), **options)
-    prune(m, CAMERA, T, maps.depth, maps.edge, match, **options)
+    prune(m, CAMERA, T, maps, match, **options)
     return _apart(_rows(m)["weight"], expected)
 
 
@@ -211,7 +211,7 @@ def _labels(device: Any) -> float:
     T, arrays, maps, m, _ = _scene(device)
     p, options = softmax_image(0, 30, 40), {"rule": "geometric", "floor": 0.01, "sureness": 2.0}
     expected = surfels.update_labels(_rows(m), CAMERA, T, arrays["depth"], arrays["edge"], p, **options)
-    update_labels(m, CAMERA, T, maps.depth, maps.edge, p, **options)
+    update_labels(m, CAMERA, T, maps, p, **options)
     return _of_surfels(m, expected)
 
 
