@@ -74,7 +74,7 @@ def _must_fit(where: str) -> Iterator[None]:
     """What goes wrong inside is the fault of the checkpoint."""
     try:
         yield
-    except (*DECODER_ERRORS, RuntimeError) as error:
+    except DECODER_ERRORS as error:
         raise InputError(
             f"{where}: does not fit ({reason(error)}); expected a whole dsmap checkpoint"
         ) from error

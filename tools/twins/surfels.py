@@ -47,22 +47,56 @@ def _hit(p, n, view):
 def render_index(s, camera, T, *, max_depth, min_weight=0.0, stable_weight=0.0, t_min=0, t_max=2**31 - 1,
                  penalty=0.05, resolution=0.0):  # fmt: skip
     """Index map, int, shape (H, W)."""
-    largest = 16 if resolution > 0 else 3
     position, normal = into_camera(T, s)
     view = rays(camera)
 
-    def thickness(z):
-        return 0.01 + 0.005 * z * z
-
     def rank(i, z):
-        return z + penalty + thickness(z) if s["weight"][i] < stable_weight else z
+        return z + penalty + _thickness(z) if s["weight"][i] < stable_weight else z
 
-    candidate: dict[tuple[int, int], tuple[float, int]] = {}
-    for i, (p, n, r) in enumerate(zip(position, normal, s["radius"], strict=True)):
-        alive = s["weight"][i] > 0 and s["weight"][i] >= min_weight
-        if not alive or not t_min <= s["t_updated"][i] <= t_max:
+    takes_part = (
+        (s["weight"] > 0)
+        & (s["weight"] >= min_weight)
+        & (t_min <= s["t_updated"])
+        & (s["t_updated"] <= t_max)
+    )
+    asked = _front_surfels(s, camera, position, normal, takes_part, rank, max_depth, resolution)
+    index = np.full((camera.height, camera.width), -1)
+    for y, x in np.ndindex(index.shape):
+        around = [(at, asked[at]) for at in neighbours(camera, y, x) if at in asked]
+        if not around:
             continue
-        if not 2 * r < p[2] <= max_depth or n @ p >= 0:
+        front = min(depth for _, (depth, _) in around)
+        if (y, x) in asked and asked[y, x][0] <= front + _thickness(front):
+            index[y, x] = asked[y, x][1]
+            continue
+        best = (-1, 0.0, 0.0)
+        around.sort(key=lambda entry: abs(entry[0][0] - y) + abs(entry[0][1] - x))  # stable: row by row
+        for at, (_, i) in around:
+            corner = abs(at[0] - y) + abs(at[1] - x) == 2
+            if corner and best[0] >= 0 and best[1] <= front + _thickness(front):
+                continue
+            hit = _hit(position[i], normal[i], view[y, x])
+            if hit is None or (at != (y, x) and (hit[1] > s["radius"][i] or hit[0] > max_depth)):
+                continue
+            depth, off, slack = rank(i, hit[0]), hit[1], _thickness(best[1])
+            nearer = depth < best[1] + slack and off < best[2]
+            if best[0] < 0 or depth < best[1] - slack or nearer:
+                best = (i, depth, off)
+        index[y, x] = best[0]
+    return index
+
+
+def _thickness(z):
+    """Depths that differ by less are one surface."""
+    return 0.01 + 0.005 * z * z
+
+
+def _front_surfels(s, camera, position, normal, takes_part, rank, max_depth, resolution):
+    """By pixel: the least rank of the surfels that ask for it, and that surfel."""
+    view, largest = rays(camera), 16 if resolution > 0 else 3
+    asked: dict[tuple[int, int], tuple[float, int]] = {}
+    for i, (p, n, r) in enumerate(zip(position, normal, s["radius"], strict=True)):
+        if not takes_part[i] or not 2 * r < p[2] <= max_depth or n @ p >= 0:
             continue
         u, v = project(camera, p)
         cos = -(n @ p) / np.linalg.norm(p)
@@ -78,34 +112,11 @@ def render_index(s, camera, T, *, max_depth, min_weight=0.0, stable_weight=0.0, 
                 for x in range(max(int(np.ceil(u - dx)), 0), min(int(u + dx), camera.width - 1) + 1)
             ]
             hits = [(at, _hit(p, n, view[at])) for at in box]
-            back = thickness(p[2]) / r**2 if resolution > 0 else 0.0  # rims of discs that overlap
+            back = _thickness(p[2]) / r**2 if resolution > 0 else 0.0  # rims of discs that overlap
             asks = [(at, h[0] + back * h[1] ** 2) for at, h in hits if h and h[1] <= r and h[0] <= max_depth]
         for at, depth in asks:
-            candidate[at] = min(candidate.get(at, (np.inf, -1)), (rank(i, depth), i))
-    index = np.full((camera.height, camera.width), -1)
-    for y, x in np.ndindex(index.shape):
-        around = [(at, candidate[at]) for at in neighbours(camera, y, x) if at in candidate]
-        if not around:
-            continue
-        front = min(depth for _, (depth, _) in around)
-        if (y, x) in candidate and candidate[y, x][0] <= front + thickness(front):
-            index[y, x] = candidate[y, x][1]
-            continue
-        best = (-1, 0.0, 0.0)
-        around.sort(key=lambda entry: abs(entry[0][0] - y) + abs(entry[0][1] - x))  # stable: row by row
-        for at, (_, i) in around:
-            corner = abs(at[0] - y) + abs(at[1] - x) == 2
-            if corner and best[0] >= 0 and best[1] <= front + thickness(front):
-                continue
-            hit = _hit(position[i], normal[i], view[y, x])
-            if hit is None or (at != (y, x) and (hit[1] > s["radius"][i] or hit[0] > max_depth)):
-                continue
-            depth, off, slack = rank(i, hit[0]), hit[1], thickness(best[1])
-            nearer = depth < best[1] + slack and off < best[2]
-            if best[0] < 0 or depth < best[1] - slack or nearer:
-                best = (i, depth, off)
-        index[y, x] = best[0]
-    return index
+            asked[at] = min(asked.get(at, (np.inf, -1)), (rank(i, depth), i))
+    return asked
 
 
 def predict_model(s, camera, T, index) -> dict[str, np.ndarray]:

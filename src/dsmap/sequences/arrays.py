@@ -4,13 +4,13 @@ import io
 import math
 import tempfile
 import zipfile
-import zlib
 from typing import IO
 
 import numpy as np
 
 from dsmap.errors import InputError
 from dsmap.limits import MAX_ARRAY_BYTES
+from dsmap.reading import DECODER_ERRORS
 from dsmap.sequences.extra import optional_library
 
 _NUMPY = (b"\x93NUMPY", b"PK\x03\x04")
@@ -42,15 +42,7 @@ def read_array(where: str, data: bytes) -> np.ndarray:
             arrays = [loaded]
         else:
             arrays = [loaded[name] for name in sorted(loaded.files, key=lambda name: name != "depth")]
-    except (
-        OSError,
-        ValueError,
-        EOFError,
-        zipfile.BadZipFile,
-        KeyError,
-        NotImplementedError,
-        zlib.error,
-    ) as error:
+    except DECODER_ERRORS as error:
         raise InputError(
             f"{where}: found an array that does not decode ({error}), expected a whole file"
         ) from error

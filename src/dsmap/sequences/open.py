@@ -69,30 +69,46 @@ def open_sequence(
     Raises:
         InputError: no layout fits, the calibration is missing or wrong, or no frame is chosen.
     """
-    folder = Path(path)
-    with reading(folder, "a recording's folder or file"):
-        if not folder.exists():
-            raise InputError(f"{folder}: found nothing, expected a recording's folder or file")
-        if not folder.is_dir():
-            check_plain(folder, "a recording's folder or file")
-    if is_archive(folder):
-        folder = unpack(folder, is_recording)
-    stored = read_calibration(folder)
-    recording = _sound(read_recording(folder, stored, options))
-    stored = stored or _calibration_of(recording)
     if size is not None and min(size) < 1:
         raise InputError(
             f"size: found {size[0]}x{size[1]}, expected a width and height of at least one pixel"
         )
+    folder = _found(Path(path))
+    stored = read_calibration(folder)
+    recording = _sound(read_recording(folder, stored, options))
+    if asks_to_be_turned(recording.entries[0].rgb):
+        recording.notes.append(
+            "colour images ask to be turned (EXIF); their pixels are taken as stored, as depth's are"
+        )
+    stored = stored or _calibration_of(recording)
+    calibration = _calibrated(recording, folder, stored, intrinsics, depth_scale)
+    settle_labels(recording, load_label_map(label_map, folder), calibration.intrinsics)
+    return Sequence(recording, calibration, size, _chosen(recording, start, stop, stride), undistort)
+
+
+def _found(path: Path) -> Path:
+    """The folder or file that a path names; of an archive, the recording in it."""
+    with reading(path, "a recording's folder or file"):
+        if not path.exists():
+            raise InputError(f"{path}: found nothing, expected a recording's folder or file")
+        if not path.is_dir():
+            check_plain(path, "a recording's folder or file")
+    return unpack(path, is_recording) if is_archive(path) else path
+
+
+def _calibrated(
+    recording: Recording,
+    folder: Path,
+    stored: Calibration | None,
+    intrinsics: tuple[float, float, float, float] | None,
+    depth_scale: float | None,
+) -> Calibration:
+    """The calibration that counts: what was given, is stored, or is assumed. Depth that is turned is turned back."""
     found = _image_size(recording, stored)
     samples = _depth_samples(recording)
     depth_size = _common_size(samples)
     if stored is None:
         stored = _stated_or_assumed(recording, found, depth_size, intrinsics is not None)
-    if asks_to_be_turned(recording.entries[0].rgb):
-        recording.notes.append(
-            "colour images ask to be turned (EXIF); their pixels are taken as stored, as depth's are"
-        )
     calibration = resolve(recording.layout, folder, found, stored, intrinsics, depth_scale)
     if calibration.source != FILE:
         check_calibration(f"{folder}, {calibration.source}", calibration)
@@ -105,8 +121,7 @@ def open_sequence(
                 "assumed: depth is turned by three bits, as SUN3D's is; --depth-scale 8000 if not"
             )
             recording.entries = [with_depth_turned_back(entry) for entry in recording.entries]
-    settle_labels(recording, load_label_map(label_map, folder), calibration.intrinsics)
-    return Sequence(recording, calibration, size, _chosen(recording, start, stop, stride), undistort)
+    return calibration
 
 
 def read_recording(folder: Path, stored: Calibration | None = None, options: Options = OPTIONS) -> Recording:

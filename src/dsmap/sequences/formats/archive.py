@@ -9,6 +9,7 @@ from pathlib import Path, PurePosixPath
 
 from dsmap.errors import InputError
 from dsmap.folders import temporary_folder
+from dsmap.reading import DECODER_ERRORS
 
 _SUFFIXES = (".zip", ".tar", ".tgz", ".tar.gz", ".tar.bz2", ".tbz2", ".tar.xz", ".txz")
 _MAX_FILES = 2_000_000
@@ -40,7 +41,7 @@ def unpack(path: Path, is_recording: Callable[[Path], bool]) -> Path:
         folder.mkdir()
         try:
             _extract(path, folder)
-        except (zipfile.BadZipFile, tarfile.TarError, OSError, EOFError, RuntimeError, ValueError) as error:
+        except (*DECODER_ERRORS, tarfile.TarError) as error:
             raise InputError(f"{path}: cannot be unpacked ({error}), expected a whole archive") from error
         _unpacked[key] = folder
     return _recording_in(path, _unpacked[key], is_recording)

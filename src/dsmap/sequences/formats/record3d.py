@@ -10,7 +10,7 @@ from dsmap.errors import InputError
 from dsmap.frame import Intrinsics
 from dsmap.limits import MAX_TEXT_BYTES
 from dsmap.plain import parse_json
-from dsmap.reading import read_bytes
+from dsmap.reading import DECODER_ERRORS, read_bytes
 from dsmap.sequences.associate import pose_matrix
 from dsmap.sequences.base import Recording
 from dsmap.sequences.calibration import Calibration
@@ -64,7 +64,7 @@ class _Members:
             return
         try:
             self._archive = zipfile.ZipFile(path)
-        except (zipfile.BadZipFile, OSError) as error:
+        except DECODER_ERRORS as error:
             raise InputError(
                 f"{path}: found a file that is no whole zip ({error}), expected Record3D's .r3d"
             ) from error
@@ -80,7 +80,7 @@ class _Members:
                     f"{self.path}, {name}: found {size:,} bytes, expected at most {MAX_TEXT_BYTES:,}"
                 )
             return self._archive.read(name)
-        except (zipfile.BadZipFile, OSError, KeyError, EOFError, RuntimeError, ValueError) as error:
+        except DECODER_ERRORS as error:
             raise InputError(
                 f"{self.path}, {name}: cannot be read ({error}), expected a whole file"
             ) from error
