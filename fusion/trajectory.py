@@ -128,7 +128,7 @@ def at_colour_stamps(trajectory: Sequence[TrajectoryPoint]) -> np.ndarray:
     colour: at walking pace that is a centimetre. The pose moves on along the straight way to the neighbour on
     that side (at the ends: from the one before), unless one of the two is lost or more than 0.1 s away.
     """
-    poses = poses_of(trajectory)
+    poses = pose_array(trajectory)
     pose_times = np.array([p.pose_time for p in trajectory])
     out = poses.copy()
     for i, point in enumerate(trajectory):
@@ -145,7 +145,7 @@ def at_colour_stamps(trajectory: Sequence[TrajectoryPoint]) -> np.ndarray:
     return out
 
 
-def poses_of(trajectory: Sequence[TrajectoryPoint]) -> np.ndarray:
+def pose_array(trajectory: Sequence[TrajectoryPoint]) -> np.ndarray:
     """T_world_camera of every frame, shape (K, 4, 4)."""
     if isinstance(trajectory, Trajectory):
         return trajectory.poses.copy()

@@ -15,7 +15,7 @@ from dsmap.kernels.camera import Camera, pixel_of, project, ray, rotate, to_tran
 from dsmap.kernels.launch import Slice, launch_rows, record_rows
 from dsmap.kernels.pixel_min import scratch
 from dsmap.kernels.runtime import struct
-from dsmap.kernels.shutter import Shutter, make_shutter, moved
+from dsmap.kernels.shutter import Shutter, make_shutter, moved_by_rows
 from dsmap.kernels.types import Surface, SurfaceImages
 
 SUMS = wp.constant(64)
@@ -23,7 +23,6 @@ SUMS = wp.constant(64)
 CUDA_LANES = 32
 _COST = 4
 """A point of `_joint` is about as much work as this many pixels of other kernels: worth a second thread early."""
-_vec8 = wp.types.vector(length=8, dtype=wp.float32)
 _sums3 = wp.types.vector(length=11, dtype=wp.float32)
 
 
@@ -113,7 +112,7 @@ def _joint(
         v = frame.vertex[y, x]
         if v[2] <= 0.0:
             continue
-        p = transform(T, moved(shutter, v, float(y) - shutter.middle))
+        p = transform(T, moved_by_rows(shutter, v, float(y) - shutter.middle))
         if p[2] <= 0.0:
             continue
         u = project(camera, p)

@@ -9,7 +9,7 @@ import warp as wp
 
 from dsmap.errors import InputError
 
-T = TypeVar("T")
+_T = TypeVar("_T")
 _NO_DRIVER = b"Could not find or load the NVIDIA CUDA driver"
 
 
@@ -35,9 +35,9 @@ def _initialise() -> None:
 _initialise()
 
 
-def struct(kind: type[T]) -> type[T]:
+def struct(kind: type[_T]) -> type[_T]:
     """`wp.struct`, which type checkers take for what it is used as: the class."""
-    return cast(type[T], wp.struct(kind))
+    return cast(type[_T], wp.struct(kind))
 
 
 def chosen_device(name: str) -> wp.Device:

@@ -46,7 +46,7 @@ def make_shutter(camera: Camera, twist: np.ndarray | None, readout_s: float) -> 
 
 
 @wp.func
-def moved(shutter: Shutter, p: wp.vec3, rows: float) -> wp.vec3:
+def moved_by_rows(shutter: Shutter, p: wp.vec3, rows: float) -> wp.vec3:
     """exp(xi^ t) p, t the time that so many rows take, to second order: 3 rad/s for 15 ms leave 0.03 mm at 2 m."""
     t = rows * shutter.per_row
     a = shutter.velocity + wp.cross(shutter.turning, p)
@@ -79,7 +79,7 @@ def _global_shutter(
                 d = vertex[py, px][2]
                 if d <= 0.0:
                     d = _UNKNOWN
-                u = project(camera, moved(shutter, d * direction, shutter.middle - float(py)))
+                u = project(camera, moved_by_rows(shutter, d * direction, shutter.middle - float(py)))
                 px = wp.clamp(pixel_of(u[0]), 0, camera.width - 1)
                 py = wp.clamp(pixel_of(u[1]), 0, camera.height - 1)
             dx = px - middle
@@ -90,7 +90,7 @@ def _global_shutter(
         n = normal[py, px]
         if p[2] > 0.0:
             rows = float(py) - shutter.middle
-            p = moved(shutter, p, rows)
+            p = moved_by_rows(shutter, p, rows)
             n += rows * shutter.per_row * wp.cross(shutter.turning, n)  # to first order: a tenth of a degree
             # How far from here it falls, times its depth.
             miss_x = camera.fx * p[0] + (camera.cx - float(x)) * p[2]

@@ -31,6 +31,8 @@ MAX_LIGHTS = 10
 """Most lights of a scene: the ray tracer is compiled for their number."""
 LEAK = 0.12
 """Share of a light that comes through to where it is shadowed: what walls scatter."""
+TopArea = tuple[float, float, float, float, float]
+"""Where things may stand on a piece: x0, y0, x1, y1, z [m], in its frame."""
 
 
 @dataclass(frozen=True)
@@ -109,8 +111,8 @@ class Assembly:
     """Class of the parts that say nothing else."""
     parts: list[tuple[Shape, str, str, int]] = field(default_factory=list)
     """(shape, material, class, item): item 0 is the piece itself, others are things standing on it."""
-    surfaces: list[tuple[float, float, float, float, float]] = field(default_factory=list)
-    """Where things may stand: x0, y0, x1, y1, z [m]."""
+    surfaces: list[TopArea] = field(default_factory=list)
+    """Where things may stand."""
     items: int = 1
     name: str = ""
     """What it is, where its class does not say it: the name of the function that made it."""

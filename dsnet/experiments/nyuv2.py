@@ -21,7 +21,7 @@ from dsmap.errors import InputError
 from dsmap.files import write_json
 from dsmap.sequences.images import resize_nearest
 
-SIZE = (320, 240)
+_SIZE = (320, 240)
 """Width and height at which Table 4 is scored [px]."""
 TABLE4_ORDER = (
     "books", "table", "bed", "ceiling", "chair", "floor", "furniture", "objects", "picture", "sofa", "tv",
@@ -226,7 +226,7 @@ def _curve_runs(
 
 @dataclass(frozen=True)
 class _At320:
-    """An item whose labels are resized to `SIZE`; the network gets the image as it is."""
+    """An item whose labels are resized to `_SIZE`; the network gets the image as it is."""
 
     item: Item
 
@@ -236,7 +236,7 @@ class _At320:
 
     def read(self, with_geometry: bool = True) -> Example:
         example = self.item.read(with_geometry)
-        return replace(example, label=resize_nearest(example.label, *SIZE))
+        return replace(example, label=resize_nearest(example.label, *_SIZE))
 
 
 def _score(data: LabelledSet, weights: Path | None) -> dict:

@@ -8,7 +8,7 @@ import numpy as np
 from dsmap.dsnet.data import LabelledImages
 from dsmap.dsnet.datasets.base import Example
 
-STRUCTURE = frozenset({"void", "background", "ceiling", "floor", "wall"})
+_STRUCTURE = frozenset({"void", "background", "ceiling", "floor", "wall"})
 """What the room itself is made of is no object: it is never cut out."""
 LEAST, MOST = 0.004, 0.25
 """Share of its image that an object must cover to be cut out."""
@@ -23,7 +23,7 @@ class Donors:
 
     def __init__(self, data: LabelledImages):
         share = data.fractions.mean(axis=0)
-        objects = [c for c, name in enumerate(data.class_names) if name not in STRUCTURE and share[c] > 0]
+        objects = [c for c, name in enumerate(data.class_names) if name not in _STRUCTURE and share[c] > 0]
         rarest_first = sorted(objects, key=lambda c: (share[c], c))
         self.data = data
         self.set_of = np.repeat(np.arange(len(data.sizes)), data.sizes)

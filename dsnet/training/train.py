@@ -90,7 +90,7 @@ def train(
         if teacher is not None:
             trained = drawn_shares(images, config.shares) * weights
             master = Teacher(teacher, images.class_names, trained, ranks.device)
-        loop(state, stream, held_back, weights, Job(out, run, ranks, workers, progress, log, master))
+        loop(state, stream, held_back, weights, TrainingJob(out, run, ranks, workers, progress, log, master))
         if not ranks.first:
             return ranks.of_first(None)
         about = {"data": [str(path) for path in data], "val": str(val), "stages": earlier_stages(init)}
@@ -99,7 +99,7 @@ def train(
 
 
 @dataclass(frozen=True)
-class Job:
+class TrainingJob:
     """Where a training goes on, and with how much ado: what does not change its result."""
 
     out: Path
@@ -148,7 +148,7 @@ def begin_training(
 
 
 def loop(
-    state: State, stream: AugmentedStream, held_back: LabelledImages, balance: np.ndarray, job: Job
+    state: State, stream: AugmentedStream, held_back: LabelledImages, balance: np.ndarray, job: TrainingJob
 ) -> None:
     """All steps that are left, with validations and checkpoints by rank 0.
 

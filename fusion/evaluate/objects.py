@@ -8,14 +8,14 @@ from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from dsmap.classes import CLASS_NAMES, VOID
-from dsmap.fusion.objects.boxes import Box, fit_box, overlap
+from dsmap.fusion.objects.boxes import Box, box_overlap, fit_box
 from dsmap.fusion.objects.relations import find_relations
 from dsmap.fusion.objects.things import STRUCTURE, SceneObjects, find_objects
 from dsmap.fusion.runs.read_run import SavedRun
 from dsmap.fusion.runs.refine import up_of_run
 from dsmap.kernels.label import posterior
 from dsmap.sequences import Sequence
-from dsmap.sequences.mesh import FILE, LabelledMesh, read_mesh
+from dsmap.sequences.mesh import MESH_FILE, LabelledMesh, read_mesh
 
 MIN_OVERLAP = 0.5
 """A box is found by one that overlaps it by this much (intersection over union)."""
@@ -56,8 +56,8 @@ def evaluate_objects(run: SavedRun, reference: Sequence) -> dict[str, Any]:
     scene = find_objects(run.surfels.numpy(), probabilities, up)
     instances = seen_instances(reference, up, run.config.depth_range[1])
     scores = nothing | average_precision(match_boxes(scene, instances), instances)
-    if (reference.path / FILE).is_file():
-        mesh = read_mesh(reference.path / FILE)
+    if (reference.path / MESH_FILE).is_file():
+        mesh = read_mesh(reference.path / MESH_FILE)
         if mesh.instance is not None:
             counts = compare_supports(scene, instances, true_supports(mesh, up))
             scores["supports"] = dict(zip(("stated", "right", "asked"), counts, strict=True))
@@ -113,7 +113,7 @@ def match_boxes(scene: SceneObjects, instances: list[Instance]) -> list[tuple[in
         box, best, home = thing.box.at_least(_THINNEST), MIN_OVERLAP, None
         for one in instances:
             if one.label == thing.label and one.id in free:
-                common = overlap(box, one.box.at_least(_THINNEST))
+                common = box_overlap(box, one.box.at_least(_THINNEST))
                 if common >= best:
                     best, home = common, one.id
         free.discard(home or 0)
@@ -180,7 +180,7 @@ def compare_supports(
     home: dict[int, int] = {}
     for thing in scene.things:
         box = thing.box.at_least(_THINNEST)
-        common = [(overlap(box, one.box.at_least(_THINNEST)), one.id) for one in instances]
+        common = [(box_overlap(box, one.box.at_least(_THINNEST)), one.id) for one in instances]
         if common and max(common)[0] >= _SAME:
             home[thing.id] = max(common)[1]
     home |= {p.id: 0 for p in scene.planes if CLASS_NAMES[p.label] == "floor"}

@@ -11,7 +11,7 @@ from dsmap.fusion.runs.read_run import SavedRun, evenly_spread
 from dsmap.kernels.mesh_distance import closest_on_mesh
 from dsmap.metrics import ConfusionMatrix
 from dsmap.sequences import Sequence
-from dsmap.sequences.mesh import FILE, LabelledMesh, read_mesh
+from dsmap.sequences.mesh import MESH_FILE, LabelledMesh, read_mesh
 
 THRESHOLD_M = 0.05
 """Completeness and F-score count points within this distance [m]."""
@@ -44,7 +44,7 @@ def evaluate_surface(
     if missing or alignment is None:
         scores = ConfusionMatrix().scores()
         return dict.fromkeys(_NAMES) | {"reason": missing}, scores | {"reason": missing}
-    mesh = read_mesh(reference.path / FILE)
+    mesh = read_mesh(reference.path / MESH_FILE)
     surfels = run.surfels.numpy()
     alive = surfels["weight"] > 0
     stable = surfels["weight"][alive] >= run.config.surfels.stable_weight
@@ -117,8 +117,8 @@ def _completeness(surfels: np.ndarray, seen: np.ndarray) -> float | None:
 
 def _missing(run: SavedRun, reference: Sequence, alignment: np.ndarray | None) -> str:
     """Why the surface cannot be scored; empty if it can."""
-    if not (reference.path / FILE).exists():
-        return f"the reference has no {FILE}"
+    if not (reference.path / MESH_FILE).exists():
+        return f"the reference has no {MESH_FILE}"
     if alignment is None:
         return "the reference has no poses"
     if not (run.surfels.numpy()["weight"] >= run.config.surfels.stable_weight).any():

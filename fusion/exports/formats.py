@@ -13,11 +13,11 @@ from dsmap.fusion.exports import mesh, points, surface, trajectory
 from dsmap.fusion.exports.coco import export_coco
 from dsmap.fusion.exports.colmap import export_colmap
 from dsmap.fusion.exports.labels_2d import export_labels_2d
-from dsmap.fusion.exports.level import level_frame
+from dsmap.fusion.exports.level import level_transform
 from dsmap.fusion.exports.nerfstudio import export_nerfstudio
 from dsmap.fusion.exports.nyu40 import export_nyu40
 from dsmap.fusion.exports.occupancy import CELL_M, occupancy_grid, write_occupancy
-from dsmap.fusion.exports.octomap import VOXEL_M, octomap_voxels, write_octomap
+from dsmap.fusion.exports.octomap import OCTREE_VOXEL_M, octomap_voxels, write_octomap
 from dsmap.fusion.exports.rerun_log import write_rerun
 from dsmap.fusion.exports.run_frames import RunFrames
 from dsmap.fusion.exports.splat import write_splat
@@ -26,7 +26,7 @@ from dsmap.sequences import Sequence
 
 
 @dataclass
-class Job:
+class ExportJob:
     """What is to be exported: a run, or a recording alone."""
 
     run: SavedRun | None
@@ -84,7 +84,7 @@ class Format:
     """A form of output."""
 
     about: str
-    write: Callable[[Job, Path], str]
+    write: Callable[[ExportJob, Path], str]
     """Writes it to a path and says in words how much there is."""
     types: tuple[str, ...] = ()
     """Kinds of file, the usual one first; none: a folder."""
@@ -94,7 +94,7 @@ class Format:
     """Of the file, where it is not the type."""
 
 
-def _trajectory(job: Job, out: Path) -> str:
+def _trajectory(job: ExportJob, out: Path) -> str:
     rows = job.poses
     if not rows:
         raise InputError(
@@ -104,49 +104,49 @@ def _trajectory(job: Job, out: Path) -> str:
     return f"{len(rows)} poses"
 
 
-def _mesh(job: Job, out: Path) -> str:
-    found = surface.surface_of(job.surfels, job.cell or surface.VOXEL_M)
+def _mesh(job: ExportJob, out: Path) -> str:
+    found = surface.surface_of(job.surfels, job.cell or surface.MESH_VOXEL_M)
     shown = mesh.in_class_colours(found) if job.class_colours else found
-    mesh.WRITERS[job.type](out, shown, level_frame(job.mapped))
+    mesh.WRITERS[job.type](out, shown, level_transform(job.mapped))
     return f"{len(found.vertices):,} vertices, {len(found.faces):,} triangles"
 
 
-def _points(job: Job, out: Path) -> str:
+def _points(job: ExportJob, out: Path) -> str:
     return f"{points.WRITERS[job.type](out, job.surfels):,} points"
 
 
-def _splat(job: Job, out: Path) -> str:
+def _splat(job: ExportJob, out: Path) -> str:
     return f"{write_splat(out, job.surfels, job.mapped.config.surfels.stable_weight):,} Gaussians"
 
 
-def _occupancy(job: Job, out: Path) -> str:
-    T_level_world = level_frame(job.mapped)
+def _occupancy(job: ExportJob, out: Path) -> str:
+    T_level_world = level_transform(job.mapped)
     grid = occupancy_grid(job.surfels, T_level_world, job.cell or CELL_M)
     free = write_occupancy(out, grid, T_level_world)
     height, width = grid.cells.shape
     return f"{width}x{height} cells, {free} of them free"
 
 
-def _octomap(job: Job, out: Path) -> str:
-    voxels = octomap_voxels(job.mapped, level_frame(job.mapped), job.cell or VOXEL_M)
+def _octomap(job: ExportJob, out: Path) -> str:
+    voxels = octomap_voxels(job.mapped, level_transform(job.mapped), job.cell or OCTREE_VOXEL_M)
     write_octomap(out, voxels)
     return f"{len(voxels.occupied):,} occupied and {len(voxels.free):,} free voxels"
 
 
-def _rerun(job: Job, out: Path) -> str:
-    up = level_frame(job.mapped)[2, :3]
+def _rerun(job: ExportJob, out: Path) -> str:
+    up = level_transform(job.mapped)[2, :3]
     return f"{write_rerun(out, job.frames, job.surfels, up)} frames"
 
 
-def _nerfstudio(job: Job, out: Path) -> str:
+def _nerfstudio(job: ExportJob, out: Path) -> str:
     return f"{export_nerfstudio(job.frames, out, job.surfels if job.run else None)} images"
 
 
-def _colmap(job: Job, out: Path) -> str:
+def _colmap(job: ExportJob, out: Path) -> str:
     return f"{export_colmap(job.frames, out, job.mapped.surfels.numpy() if job.run else None)} images"
 
 
-def _images(write: Callable[[Sequence, Path], int]) -> Callable[[Job, Path], str]:
+def _images(write: Callable[[Sequence, Path], int]) -> Callable[[ExportJob, Path], str]:
     return lambda job, out: f"{write(job.frames, out)} of {len(job.frames)} frames"
 
 
@@ -167,7 +167,7 @@ FORMATS: dict[str, Format] = {
 """Every format by its name."""
 
 
-def write(name: str, job: Job, out: Path) -> str:
+def write(name: str, job: ExportJob, out: Path) -> str:
     """Write a format to a file, or into a new folder; returns how much there is, in words.
 
     Raises:

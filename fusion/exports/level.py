@@ -9,7 +9,7 @@ from dsmap.fusion.runs.read_run import SavedRun
 from dsmap.fusion.trajectory import Trajectory
 
 
-def level_frame(run: SavedRun) -> np.ndarray:
+def level_transform(run: SavedRun) -> np.ndarray:
     """T_level_world of a run, shape (4, 4); its origin lies below that of the world.
 
     Up and the floor are those of the whole map. A map too small to say is level by its normals, its floor the lowest
@@ -31,6 +31,6 @@ def level_frame(run: SavedRun) -> np.ndarray:
     return T
 
 
-def moved(T: np.ndarray, points: np.ndarray) -> np.ndarray:
+def transformed(T: np.ndarray, points: np.ndarray) -> np.ndarray:
     """Points (N, 3) under a rigid transform (4, 4)."""
     return points @ T[:3, :3].T + T[:3, 3]

@@ -7,8 +7,8 @@ import numpy as np
 
 from dsmap.classes import colourise
 from dsmap.files import atomic_path
-from dsmap.fusion.exports.level import moved
-from dsmap.fusion.exports.surface import Surface
+from dsmap.fusion.exports.level import transformed
+from dsmap.fusion.exports.surface import SurfaceMesh
 
 _VERTEX = [
     *((name, "<f4") for name in ("x", "y", "z", "nx", "ny", "nz")),
@@ -18,7 +18,7 @@ _T_GLTF_LEVEL = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0,
 """glTF and most programs that read OBJ have y up."""
 
 
-def write_mesh_ply(path: Path, surface: Surface, T_level_world: np.ndarray) -> None:
+def write_mesh_ply(path: Path, surface: SurfaceMesh, T_level_world: np.ndarray) -> None:
     """Write a binary PLY in the world's frame: vertices with normal, colour and `label`, triangles."""
     vertices = np.zeros(len(surface.vertices), dtype=_VERTEX)
     for axis in range(3):
@@ -39,7 +39,7 @@ def write_mesh_ply(path: Path, surface: Surface, T_level_world: np.ndarray) -> N
         faces.tofile(file)
 
 
-def write_mesh_glb(path: Path, surface: Surface, T_level_world: np.ndarray) -> None:
+def write_mesh_glb(path: Path, surface: SurfaceMesh, T_level_world: np.ndarray) -> None:
     """Write binary glTF with y up and the floor at 0: colours, and the class of a vertex as attribute `_LABEL`.
 
     Raises:
@@ -55,7 +55,7 @@ def write_mesh_glb(path: Path, surface: Surface, T_level_world: np.ndarray) -> N
         temporary.write_bytes(mesh.export(file_type="glb", include_normals=True))
 
 
-def write_mesh_obj(path: Path, surface: Surface, T_level_world: np.ndarray) -> None:
+def write_mesh_obj(path: Path, surface: SurfaceMesh, T_level_world: np.ndarray) -> None:
     """Write Wavefront OBJ with y up and the floor at 0, and colours behind the coordinates, as Blender and MeshLab
     read them. OBJ has no place for labels.
 
@@ -71,17 +71,19 @@ def write_mesh_obj(path: Path, surface: Surface, T_level_world: np.ndarray) -> N
         temporary.write_text(trimesh.exchange.obj.export_obj(mesh, include_normals=True, include_color=True))
 
 
-WRITERS: dict[str, Callable[[Path, Surface, np.ndarray], None]] = {
+WRITERS: dict[str, Callable[[Path, SurfaceMesh, np.ndarray], None]] = {
     "ply": write_mesh_ply, "obj": write_mesh_obj, "glb": write_mesh_glb,
 }  # fmt: skip
 """File type to the function that writes a surface, given T_level_world."""
 
 
-def in_class_colours(surface: Surface) -> Surface:
+def in_class_colours(surface: SurfaceMesh) -> SurfaceMesh:
     """The surface in the colours of its classes."""
-    return Surface(surface.vertices, surface.faces, surface.normal, colourise(surface.label), surface.label)
+    return SurfaceMesh(
+        surface.vertices, surface.faces, surface.normal, colourise(surface.label), surface.label
+    )
 
 
-def _upright(surface: Surface, T_level_world: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _upright(surface: SurfaceMesh, T_level_world: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     T = _T_GLTF_LEVEL @ T_level_world
-    return moved(T, surface.vertices), surface.normal @ T[:3, :3].T
+    return transformed(T, surface.vertices), surface.normal @ T[:3, :3].T

@@ -15,7 +15,7 @@ from scipy import ndimage
 from dsmap.classes import CLASS_NAMES
 from dsmap.errors import InputError
 from dsmap.files import atomic_path
-from dsmap.fusion.exports.level import moved
+from dsmap.fusion.exports.level import transformed
 
 CELL_M = 0.05
 """Edge of a cell by default [m]."""
@@ -60,7 +60,7 @@ def occupancy_grid(
 
     Args:
         surfels: arrays by the names of `SurfelMap`.
-        T_level_world: of `level_frame`.
+        T_level_world: of `level_transform`.
         cell: edge of a cell [m].
         min_weight: surfels of a lower confidence are left out.
         band: heights above the floor at which a surfel is in the way [m].
@@ -71,7 +71,7 @@ def occupancy_grid(
     kept = (surfels["weight"] > 0) & (surfels["weight"] >= min_weight)
     if not kept.any():
         raise InputError(f"the map has no surfels of confidence {min_weight}, expected some")
-    points = moved(T_level_world, surfels["position"][kept].astype(np.float64))
+    points = transformed(T_level_world, surfels["position"][kept].astype(np.float64))
     up = surfels["normal"][kept] @ T_level_world[2, :3]
     named = surfels["label"][kept] == CLASS_NAMES.index("floor")
     height = points[:, 2]

@@ -12,11 +12,11 @@ import numpy as np
 from dsmap.errors import InputError
 from dsmap.files import atomic_path
 from dsmap.frame import Intrinsics
-from dsmap.fusion.exports.level import moved
+from dsmap.fusion.exports.level import transformed
 from dsmap.fusion.runs.map_renderer import MapRenderer
 from dsmap.fusion.runs.read_run import SavedRun, evenly_spread
 
-VOXEL_M = 0.05
+OCTREE_VOXEL_M = 0.05
 """Edge of a voxel by default [m]."""
 _DEPTH = 16
 """Levels below the root; the world's origin lies in the middle of 2^16 voxels an axis."""
@@ -36,7 +36,7 @@ class Voxels:
     voxel: float
 
 
-def octomap_voxels(run: SavedRun, T_level_world: np.ndarray, voxel: float = VOXEL_M) -> Voxels:
+def octomap_voxels(run: SavedRun, T_level_world: np.ndarray, voxel: float = OCTREE_VOXEL_M) -> Voxels:
     """What the run's cameras saw of space, in the level frame.
 
     Raises:
@@ -46,14 +46,16 @@ def octomap_voxels(run: SavedRun, T_level_world: np.ndarray, voxel: float = VOXE
     alive = surfels["weight"] > 0
     if not alive.any():
         raise InputError(f"{run.path}: the map has no surfels, expected some")
-    occupied = _keys(moved(T_level_world, surfels["position"][alive].astype(np.float64)), voxel)
+    occupied = _keys(transformed(T_level_world, surfels["position"][alive].astype(np.float64)), voxel)
     camera = _small(run.intrinsics)
     render = MapRenderer(run, camera)
     free = [np.zeros((0, 3), np.int64)]
     tracked = np.flatnonzero(run.tracked)
     for i in tracked[evenly_spread(len(tracked), _FRAMES)]:
         index = render.index(run.poses[i])
-        ends = moved(T_level_world, surfels["position"][np.unique(index[index >= 0])].astype(np.float64))
+        ends = transformed(
+            T_level_world, surfels["position"][np.unique(index[index >= 0])].astype(np.float64)
+        )
         free.append(_through((T_level_world @ run.poses[i])[:3, 3], ends, voxel))
     looked_through = np.unique(np.concatenate(free), axis=0)
     return Voxels(occupied, looked_through[~np.isin(_morton(looked_through), _morton(occupied))], voxel)

@@ -15,7 +15,7 @@ _FLAT = 0.1
 """Thickness of a Gaussian by its width: a surfel is a disc."""
 _OPACITY = (0.1, 0.95)
 """Opacity of a surfel that was seen once, and of a stable one."""
-NAMES = [
+PROPERTIES = [
     *("x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2"),
     *(f"f_rest_{i}" for i in range(_SH_REST)),
     *("opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"),
@@ -33,8 +33,8 @@ def write_splat(path: Path | str, surfels: dict[str, np.ndarray], stable_weight:
         stable_weight: confidence from which a surfel is opaque.
     """
     rows = np.flatnonzero(surfels["weight"] > 0)
-    table = np.zeros((len(rows), len(NAMES)), dtype="<f4")
-    column = {name: i for i, name in enumerate(NAMES)}
+    table = np.zeros((len(rows), len(PROPERTIES)), dtype="<f4")
+    column = {name: i for i, name in enumerate(PROPERTIES)}
     normal = surfels["normal"][rows].astype(np.float64)
     table[:, 0:3], table[:, 3:6] = surfels["position"][rows], normal
     table[:, 6:9] = (surfels["colour"][rows].clip(0, 1) - 0.5) / _SH_C0
@@ -46,7 +46,7 @@ def write_splat(path: Path | str, surfels: dict[str, np.ndarray], stable_weight:
         table[:, column[f"scale_{axis}"]] = np.log(factor * deviation)
     table[:, column["rot_0"] :] = _turns(normal)
     header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(rows)}"]
-    header += [*(f"property float {name}" for name in NAMES), "end_header"]
+    header += [*(f"property float {name}" for name in PROPERTIES), "end_header"]
     with atomic_path(path) as temporary, temporary.open("wb") as file:
         file.write(("\n".join(header) + "\n").encode("ascii"))
         table.tofile(file)

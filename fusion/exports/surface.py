@@ -11,7 +11,7 @@ from warp.geometry import IsoSurfaceMarchingCubes
 from dsmap.errors import InputError
 from dsmap.kernels.surface import UNKNOWN, SurfelPoints, paint_points, surface_distance, surfel_points
 
-VOXEL_M = 0.01
+MESH_VOXEL_M = 0.01
 """Edge of a voxel by default [m]."""
 _REACH = 3.0
 """Surfels up to so many voxels away count."""
@@ -28,7 +28,7 @@ _SMALLEST_M2 = 0.002
 
 
 @dataclass
-class Surface:
+class SurfaceMesh:
     """Triangles in the world's frame, with what each vertex looks like."""
 
     vertices: np.ndarray
@@ -43,7 +43,9 @@ class Surface:
     """Class ids, uint8, shape (V,)."""
 
 
-def surface_of(surfels: dict[str, np.ndarray], voxel: float = VOXEL_M, device: str = "cpu") -> Surface:
+def surface_of(
+    surfels: dict[str, np.ndarray], voxel: float = MESH_VOXEL_M, device: str = "cpu"
+) -> SurfaceMesh:
     """The surface of a map; open where nothing was seen.
 
     Args:
@@ -70,7 +72,7 @@ def surface_of(surfels: dict[str, np.ndarray], voxel: float = VOXEL_M, device: s
         raise InputError(f"the surfels make no surface of voxels of {voxel} m, expected larger ones")
     normal, colour, label = (array[used] for array in looks[:3])
     rgb = np.rint(colour.clip(0, 1) * 255).astype(np.uint8)
-    return Surface(vertices[used].astype(np.float32), faces.astype(np.int32), normal, rgb, label)
+    return SurfaceMesh(vertices[used].astype(np.float32), faces.astype(np.int32), normal, rgb, label)
 
 
 def _blocks(position: np.ndarray, voxel: float) -> np.ndarray:

@@ -13,7 +13,7 @@ from dsmap.gravity import CAMERA_HEIGHT, FACES_UP, NOT_A_TABLE, estimate_up, low
 from dsmap.kernels.geometry import geometry_channels
 from dsmap.kernels.types import FrameMaps, SurfelMap
 
-Side = Literal["top", "right", "bottom", "left"]
+ImageSide = Literal["top", "right", "bottom", "left"]
 """A side of the image."""
 AXES = {
     "top": (0.0, -1.0, 0.0),
@@ -54,9 +54,9 @@ class MapGravity:
             that the camera hangs upside down.
     """
 
-    def __init__(self, intrinsics: Intrinsics, camera_up: Side | Literal["auto"] = "auto"):
+    def __init__(self, intrinsics: Intrinsics, camera_up: ImageSide | Literal["auto"] = "auto"):
         self._camera_up = camera_up
-        self.side: Side = "top" if camera_up == "auto" else camera_up
+        self.side: ImageSide = "top" if camera_up == "auto" else camera_up
         self.up: np.ndarray | None = None
         """Unit vector in the world's frame, float64, shape (3,); None before the first frame."""
         self.confidence = 0.0

@@ -11,7 +11,7 @@ from dsmap.fusion.lie import pose_difference
 
 BLOB = 20
 """Size [px] of the blobs of wrong labels, at 640x480; scaled with the image's width."""
-Noise = Literal["pixels", "blobs", "confusion"]
+LabelNoise = Literal["pixels", "blobs", "confusion"]
 
 
 class Schedule:
@@ -43,7 +43,7 @@ class GroundTruthSegmenter:
     probabilities are honest: the shown class has 1 - noise, the rest share noise equally.
     """
 
-    def __init__(self, noise: float = 0.0, kind: Noise = "pixels", seed: int = 0):
+    def __init__(self, noise: float = 0.0, kind: LabelNoise = "pixels", seed: int = 0):
         self.noise, self.kind, self.seed = noise, kind, seed
         classes = NUM_CLASSES - 1
         sure = min(1.0 - noise, 0.98)

@@ -30,7 +30,7 @@ class Overlap:
     """Correlation of their intensities there, local mean taken off; 1 where they were not compared."""
 
 
-def overlap(active: Surface, inactive: Surface | ModelMaps, colours: bool = False) -> Overlap:
+def view_overlap(active: Surface, inactive: Surface | ModelMaps, colours: bool = False) -> Overlap:
     """Compare two views of one camera; `colours`, too, where both have an intensity."""
     a, b = (view.vertex.numpy()[..., 2] for view in (active, inactive))
     seen = (a > 0) & (b > 0)
@@ -47,7 +47,7 @@ def overlap(active: Surface, inactive: Surface | ModelMaps, colours: bool = Fals
     )
 
 
-def reason_to_reject(
+def reason_to_reject_loop(
     health: Health,
     config: LoopConfig,
     seen: Overlap | None = None,

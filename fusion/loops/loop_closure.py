@@ -17,13 +17,13 @@ from dsmap.fusion.config import MapConfig
 from dsmap.fusion.lie import inverse
 from dsmap.fusion.loops.constraints import ClosedLoops, constraints
 from dsmap.fusion.loops.deformation_graph import Constraints, DeformationGraph
-from dsmap.fusion.loops.gates import Overlap, explained_rms, overlap, reason_to_reject, rms_shift
+from dsmap.fusion.loops.gates import Overlap, explained_rms, reason_to_reject_loop, rms_shift, view_overlap
 from dsmap.fusion.loops.record import LoopCandidate, LoopQuery, LoopRecord, record_values
 from dsmap.fusion.places.recovery import Recovery
 from dsmap.fusion.surfels.model import SurfelModel
 from dsmap.fusion.surfels.model_view import ModelView
 from dsmap.fusion.tracking.tracker import Health, Tracker
-from dsmap.fusion.trajectory import path_length, poses_of
+from dsmap.fusion.trajectory import path_length, pose_array
 from dsmap.kernels.deform import INFLUENCES
 
 _VGA_PIXELS = 640 * 480
@@ -119,7 +119,7 @@ class LoopCloser:
         if not self.model.has_inactive(now.T_world_camera):
             return False  # the usual case costs no view
         self.model.render_inactive(now.T_world_camera)
-        seen = overlap(now.view.level(self.level), self.model.inactive)
+        seen = view_overlap(now.view.level(self.level), self.model.inactive)
         if seen.both < _MIN_STRIP:
             return False
         inactive = self.views.pyramid(now.T_world_camera, self.model.inactive, self.level)
@@ -130,7 +130,7 @@ class LoopCloser:
         if now.time - self.refused < self.loops.retry:
             return False
         T_inactive_active, health = self._register(now, inactive)
-        self.rejected = reason_to_reject(health, self.loops)
+        self.rejected = reason_to_reject_loop(health, self.loops)
         return not self.rejected and self._try(
             "local", now, orthonormal(now.T_world_camera @ T_inactive_active)
         )
@@ -156,8 +156,8 @@ class LoopCloser:
         T_inactive_active, health = self._register(now, inactive)
         points = now.view.level(self.level).vertex.numpy()
         again = rms_shift(points, T_inactive_active)
-        seen = overlap(now.view.level(self.level), inactive.level(self.level), colours=True)
-        self.rejected = reason_to_reject(health, self.loops, seen, again, _TIGHT)
+        seen = view_overlap(now.view.level(self.level), inactive.level(self.level), colours=True)
+        self.rejected = reason_to_reject_loop(health, self.loops, seen, again, _TIGHT)
         if self.rejected:
             return False
         T_found = orthonormal(T_found @ T_inactive_active)
@@ -191,7 +191,7 @@ class LoopCloser:
             self.rejected = "too few constraints"
             return False
         pairs, frame_destination = found
-        poses = poses_of(now.trajectory)
+        poses = pose_array(now.trajectory)
         limit = self.loops.max_drift * path_length(poses[frame_destination:]) + _LEAST_DRIFT
         if match.shift_m > limit:
             self.rejected = f"{match.shift_m * 100:.1f} cm of drift, at most {limit * 100:.1f} cm are likely"

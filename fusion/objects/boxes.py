@@ -39,7 +39,7 @@ EDGES = [(a, a | 1 << k) for a in range(8) for k in range(3) if not a >> k & 1]
 """The twelve edges of a box, as pairs of its corners."""
 
 
-def level_frame(up: np.ndarray) -> np.ndarray:
+def upright_axes(up: np.ndarray) -> np.ndarray:
     """Rotation from the world to axes with z up, shape (3, 3); rows are the axes."""
     up = np.asarray(up, np.float64) / np.linalg.norm(up)
     x = np.cross(np.eye(3)[np.argmin(np.abs(up))], up)
@@ -54,7 +54,7 @@ def fit_box(points: np.ndarray, up: np.ndarray, trim: float = _TRIM) -> Box:
         points: [m], shape (N, 3), N >= 1.
         up: unit vector, shape (3,).
     """
-    axes = level_frame(up)
+    axes = upright_axes(up)
     level = points @ axes.T
     _, _, angle = cv2.minAreaRect(np.ascontiguousarray(_core(level[:, :2], trim), np.float32))
     turn = _about_z(np.radians(angle))
@@ -70,7 +70,7 @@ def fit_box(points: np.ndarray, up: np.ndarray, trim: float = _TRIM) -> Box:
     return Box(T, np.maximum(high - low, _THINNEST))
 
 
-def overlap(a: Box, b: Box) -> float:
+def box_overlap(a: Box, b: Box) -> float:
     """Intersection over union of the volumes of two boxes with the same up, 0 to 1."""
     if (
         np.linalg.norm(a.T_world_box[:3, 3] - b.T_world_box[:3, 3])

@@ -8,10 +8,10 @@ from scipy import ndimage
 from scipy.spatial import KDTree
 
 from dsmap.classes import CLASS_NAMES
-from dsmap.fusion.objects.boxes import level_frame
+from dsmap.fusion.objects.boxes import upright_axes
 from dsmap.fusion.objects.things import Plane, SceneObjects, Thing
 
-Kind = Literal["supports", "on", "next to", "part of"]
+RelationKind = Literal["supports", "on", "next to", "part of"]
 _REACH = 0.08
 """What carries a thing begins within this of its lowest cells [m]..."""
 _BELOW, _ABOVE = 0.08, 0.03
@@ -36,13 +36,13 @@ class Relation:
 
     subject: int
     """Id of a thing or plane."""
-    kind: Kind
+    kind: RelationKind
     object: int
     """Id of a thing or plane."""
 
 
 @dataclass(frozen=True)
-class Room:
+class FoundRoom:
     """A part of the floor, and what is above it."""
 
     id: int
@@ -78,9 +78,9 @@ def find_relations(scene: SceneObjects) -> list[Relation]:
     return sorted(relations, key=lambda r: (r.subject, r.kind, r.object))
 
 
-def find_rooms(scene: SceneObjects) -> list[Room]:
+def find_rooms(scene: SceneObjects) -> list[FoundRoom]:
     """Rooms: parts of the ground that only narrow ways, such as doors, join. Without a floor there are none."""
-    axes = level_frame(scene.up)
+    axes = upright_axes(scene.up)
     ground = [plane for plane in scene.planes if CLASS_NAMES[plane.label] == "floor"]
     if not ground:
         return []
@@ -109,7 +109,9 @@ def find_rooms(scene: SceneObjects) -> list[Room]:
         if area < _LEAST_ROOM and rooms:
             continue
         middle = (np.argwhere(number == k).mean(axis=0) + 0.5) * _GRID + low
-        rooms.append(Room(len(rooms) + 1, np.array([*middle, floor]) @ axes, area, members.get(int(k), [])))
+        rooms.append(
+            FoundRoom(len(rooms) + 1, np.array([*middle, floor]) @ axes, area, members.get(int(k), []))
+        )
     return rooms
 
 

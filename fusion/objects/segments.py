@@ -150,18 +150,6 @@ def bend_cost(cells: Cells) -> np.ndarray:
     return np.where(convex & (cosine > -0.2), _CONVEX * bend, bend) + step
 
 
-def neighbours(cells: Cells, group: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Which groups of cells touch: pairs (a < b), shape (K, 2), and the number of edges between them, shape (K,).
-
-    Args:
-        group: of every cell, shape (C,); negative: none.
-    """
-    a, b = group[cells.edges.T]
-    apart = (a != b) & (a >= 0) & (b >= 0)
-    pairs = np.sort(np.stack([a[apart], b[apart]], axis=1), axis=1)
-    return np.unique(pairs, axis=0, return_counts=True) if len(pairs) else (pairs, np.zeros(0, np.int64))
-
-
 def _smooth_normals(normal: np.ndarray, edges: np.ndarray) -> np.ndarray:
     for _ in range(_NORMAL_ROUNDS):
         i, j = edges.T

@@ -9,7 +9,7 @@ from scipy.sparse.csgraph import connected_components
 
 from dsmap.classes import CLASS_NAMES
 from dsmap.fusion.config import SegmentConfig
-from dsmap.fusion.objects.boxes import Box, fit_box, level_frame
+from dsmap.fusion.objects.boxes import Box, fit_box, upright_axes
 from dsmap.fusion.objects.pieces import join_pieces
 from dsmap.fusion.objects.pooling import pool_probabilities
 from dsmap.fusion.objects.segments import Cells, class_means, find_cells, segment_cells
@@ -195,7 +195,7 @@ def _largest_plane(
         sign = np.sign(np.median(upright)) or 1.0
         directions = [sign * np.asarray(up, np.float64)]
     else:
-        axes = level_frame(up)
+        axes = upright_axes(up)
         side = normals[np.abs(upright) < _UPRIGHT] @ axes[:2].T
         if len(side) == 0:
             return rows[:0], np.asarray(up), 0.0
@@ -226,7 +226,7 @@ def _refined(
     for _ in range(_PLANE_ROUNDS if found.sum() > 2 else 0):
         centre = position[found].mean(axis=0)
         if not flat:  # the horizontal direction in which the cells spread least
-            axes = level_frame(up)
+            axes = upright_axes(up)
             _, _, across = np.linalg.svd((position[found] - centre) @ axes[:2].T, full_matrices=False)
             turned = across[-1] @ axes[:2]
             normal = turned * (np.sign(turned @ normal) or 1.0)

@@ -21,7 +21,7 @@ from dsmap.metrics import align_se3, ate_rmse
 if TYPE_CHECKING:
     from dsmap.fusion.mapper import TrajectoryPoint
 
-SIZE = (1280, 960)
+_SIZE = (1280, 960)
 """Width and height of the pictures of a whole map [px]."""
 _SUPERSAMPLE = 2
 _LEGEND_SHARE = 5e-4
@@ -47,7 +47,7 @@ class Overview:
         surfels: SurfelMap,
         poses: np.ndarray,
         min_weight: float = 0.0,
-        size: tuple[int, int] = SIZE,
+        size: tuple[int, int] = _SIZE,
         up: np.ndarray | None = None,
     ) -> None:
         """Pick the view and render it.
@@ -196,7 +196,7 @@ def write_strip(
     labelled = bool(arrays["label"].any())
     with_truth = any(item.frame.label is not None for item in strip_frames)
     with_network = any(item.predicted is not None for item in strip_frames)
-    rows: list[list[plots.Cell]] = []
+    rows: list[list[plots.Tile]] = []
     present: set[int] = set()
     for item in strip_frames:
         index = render(surfels, View(intrinsics, item.T_world_camera)).index
@@ -209,7 +209,7 @@ def write_strip(
         columns += [("network alone", item.predicted)] if with_network else []
         columns += [("map", ids)] if labelled else []
         present.update(*(np.unique(column).tolist() for _, column in columns if column is not None))
-        row: list[plots.Cell] = [("frame", item.frame.rgb)]
+        row: list[plots.Tile] = [("frame", item.frame.rgb)]
         row += [(title, None if column is None else colourise(column)) for title, column in columns]
         if labelled:
             mixed = cv2.addWeighted(item.frame.rgb, 0.45, colourise(ids), 0.55, 0)

@@ -64,11 +64,11 @@ def save_with_bar(
     _save(figure, path)
 
 
-Cell = tuple[str, np.ndarray | None]
+Tile = tuple[str, np.ndarray | None]
 """Title and RGB image of a cell of a grid; None where a row has no such image."""
 
 
-def save_grid(path: Path, rows: Sequence[Sequence[Cell]], classes: Sequence[int], width: int = 1280) -> None:
+def save_grid(path: Path, rows: Sequence[Sequence[Tile]], classes: Sequence[int], width: int = 1280) -> None:
     """Write rows of titled RGB images side by side, with a legend of `classes` below."""
     shown = next(image for row in rows for _, image in row if image is not None)
     columns = max(len(row) for row in rows)

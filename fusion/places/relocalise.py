@@ -18,7 +18,7 @@ from dsmap.frame import Intrinsics, orthonormal
 from dsmap.fusion.config import RelocaliseConfig, TrackConfig
 from dsmap.fusion.places.ferns import Keyframe, SmallView, small_view
 from dsmap.fusion.surfels.model_view import ModelView
-from dsmap.fusion.tracking.agreement import Agreement, agreement, reason_to_reject
+from dsmap.fusion.tracking.agreement import Agreement, agreement, reason_to_reject_pose
 from dsmap.fusion.tracking.tracker import Health, Tracker
 from dsmap.kernels.camera import make_camera
 from dsmap.kernels.preprocess import preprocess
@@ -138,7 +138,9 @@ class Relocaliser:
         if not found.coloured:  # shapes alone are alike in many places
             return "frame or model show nothing by their colours"
         certain = found.seen_through <= config.certain_seen_through
-        return reason_to_reject(found, config) or Relocation(T, keyframe, similarity, health, found, certain)
+        return reason_to_reject_pose(found, config) or Relocation(
+            T, keyframe, similarity, health, found, certain
+        )
 
     def _imagined(self, model: ModelView) -> Keyframe:
         """A keyframe that was never taken: the model rendered from a guessed pose."""

@@ -105,7 +105,7 @@ def check_words(path: Path | str, meta: dict[str, Any], frames: int, surfels: in
     for name in ("config", "intrinsics", "state", "run"):
         need(isinstance(meta[name], dict), name, meta[name], "names and values")
     need(_is_whole(meta["time"]) and meta["time"] >= 0, "time", meta["time"], "a number of frames")
-    camera_of(path, meta["intrinsics"])
+    saved_camera(path, meta["intrinsics"])
     state = meta["state"]
     for name, kind in _PLAIN.items():
         value = state.get(name)
@@ -140,7 +140,7 @@ def _check_run(need: Callable[[bool, str, Any, str], None], run: dict[str, Any],
     )
 
 
-def camera_of(path: Path | str, values: dict[str, Any]) -> Intrinsics:
+def saved_camera(path: Path | str, values: dict[str, Any]) -> Intrinsics:
     """The camera of a checkpoint. Raises InputError: it is none."""
     numbers = [values.get(name) for name in _CAMERA]
     distortion = values.get("distortion")

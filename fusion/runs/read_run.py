@@ -13,7 +13,7 @@ from dsmap.frame import Intrinsics
 from dsmap.fusion.config import MapConfig
 from dsmap.fusion.labels.gravity import MapGravity
 from dsmap.fusion.runs.checkpoint import load_map
-from dsmap.fusion.runs.checkpoint_schema import camera_of
+from dsmap.fusion.runs.checkpoint_schema import saved_camera
 from dsmap.fusion.state import part_of
 from dsmap.fusion.trajectory import Trajectory, at_colour_stamps
 from dsmap.kernels.types import SurfelMap
@@ -63,7 +63,7 @@ def load_run(path: Path | str, device: Any = "cpu") -> SavedRun:
     first = meta["plain"]["first_frame"]  # frames before belong to an earlier recording
     times, poses, tracked = (meta[name][first:] for name in ("times", "poses", "tracked"))
     points = Trajectory.of_arrays(times, poses, tracked, meta["depth_times"][first:])
-    intrinsics = camera_of(folder, meta["intrinsics"])
+    intrinsics = saved_camera(folder, meta["intrinsics"])
     gravity = MapGravity(intrinsics, meta["config"].camera_up)
     with reading(folder / "checkpoint.safetensors", _EXPECTED):
         gravity.load_state(part_of(meta["arrays"], "gravity."))

@@ -79,7 +79,7 @@ def agreement(frame: FrameMaps, vertex: wp.array, intensity: wp.array, config: R
     )
 
 
-def reason_to_reject(found: Agreement, config: RelocaliseConfig, by_colour: bool = True) -> str:
+def reason_to_reject_pose(found: Agreement, config: RelocaliseConfig, by_colour: bool = True) -> str:
     """Why a pose is not believed, in words; empty if it is.
 
     by_colour: the frame's colours are to be believed. Where they, or those of the model, show nothing, depth decides.

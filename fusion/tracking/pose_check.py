@@ -13,7 +13,7 @@ import numpy as np
 from dsmap.fusion.config import MapConfig
 from dsmap.fusion.lie import inverse, pose_difference
 from dsmap.fusion.surfels.views import Views
-from dsmap.fusion.tracking.agreement import agreement, reason_to_reject
+from dsmap.fusion.tracking.agreement import agreement, reason_to_reject_pose
 from dsmap.fusion.tracking.image_content import Colours
 from dsmap.fusion.tracking.tracker import Health
 from dsmap.fusion.trajectory import TrajectoryPoint
@@ -66,7 +66,7 @@ class PoseCheck:
             frame[self._level], self._maps.vertex, intensity_map(self._maps.colour), self.config.relocalise
         )
         by_colour = health.comparable and colours is Colours.GOOD
-        return reason_to_reject(found, self.config.relocalise, by_colour)
+        return reason_to_reject_pose(found, self.config.relocalise, by_colour)
 
     def surprising(
         self, T_world_camera: np.ndarray, health: Health, trajectory: Sequence[TrajectoryPoint]

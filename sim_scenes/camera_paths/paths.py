@@ -17,7 +17,7 @@ CLEARANCE = 0.42
 """A walk keeps this far from every surface [m]."""
 KNOT_S = 1.6
 """Time between control points of a walk [s]."""
-STEP_M = (0.65, 1.2)
+_STEP_M = (0.65, 1.2)
 """Distance between neighbouring control points [m]."""
 TURN = np.radians((22.0, 80.0))
 """Change of heading between neighbouring control points [rad]."""
@@ -124,7 +124,7 @@ def walk(
         while len(tour.eye) < 11:
             _extend(tour, scene, space, trial)
         smooth = tour.sampled(np.arange(300) / 30)
-        length, turned = path_length(smooth[:, :3]), rotation_sum(_level(smooth))
+        length, turned = walked_length(smooth[:, :3]), rotation_sum(_level(smooth))
         room = float(space.clearance(smooth[:, :3]).min())
         score = min(length / 4.4, 1.0) + min(turned / 200, 1.0) + min(room / 0.4, 1.0)
         if score > best_score:
@@ -184,7 +184,7 @@ def _next_eye(tour: _Walk, space: FreeSpace, rng: np.random.Generator) -> np.nda
     """The best of 40 steps: clear of surfaces along the spline, then onwards rather than back."""
     last = tour.eye[-1]
     angle = rng.uniform(-np.pi, np.pi, 40)
-    reach = rng.uniform(*STEP_M, 40)
+    reach = rng.uniform(*_STEP_M, 40)
     ends = last + np.column_stack(
         [reach * np.cos(angle), reach * np.sin(angle), rng.uniform(-0.15, 0.15, 40)]
     )
@@ -225,7 +225,7 @@ def _subjects(scene: Scene) -> np.ndarray:
     return np.array([*scene.targets, *middles, *middles])
 
 
-def path_length(points: np.ndarray) -> float:
+def walked_length(points: np.ndarray) -> float:
     """Sum of the steps between points (N, 3) [m]."""
     return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
 

@@ -22,7 +22,7 @@ from dsmap.sim_scenes.rooms import lighting
 from dsmap.sim_scenes.scene import Part, Room, Scene
 
 MESHES = (".glb", ".gltf", ".obj")
-FORMATS = (*MESHES, ".ply", ".xml")
+SCENE_FORMATS = (*MESHES, ".ply", ".xml")
 _SHELL = tuple(CLASS_NAMES.index(name) for name in ("wall", "floor", "ceiling", "window", "void"))
 _FARTHEST = 1e4
 """Of a vertex from the origin [m]."""
@@ -45,9 +45,9 @@ def load_scene(path: Path | str, class_map: Path | str | None = None, up: str | 
         InputError: unreadable or foreign file, things without a class (listed), no faces.
     """
     path = Path(path)
-    if path.suffix.lower() not in FORMATS:
+    if path.suffix.lower() not in SCENE_FORMATS:
         raise InputError(
-            f"{path}: found {path.suffix or 'no suffix'}, expected a file of: {', '.join(FORMATS)}"
+            f"{path}: found {path.suffix or 'no suffix'}, expected a file of: {', '.join(SCENE_FORMATS)}"
         )
     if not is_file(path):
         raise InputError(f"{path}: there is no such file")

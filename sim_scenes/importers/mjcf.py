@@ -15,7 +15,7 @@ from dsmap.limits import MAX_TEXT_BYTES
 from dsmap.reading import check_plain, reason
 from dsmap.sim_scenes.geometry.shapes import Shape, box, cushion, lathe
 from dsmap.sim_scenes.importers.chunk import Chunk, Foreign
-from dsmap.sim_scenes.importers.mjcf_size import check_size
+from dsmap.sim_scenes.importers.mjcf_size import check_mjcf_size
 from dsmap.sim_scenes.scene import Light, Material
 
 VISIBLE_GROUPS = (0, 1, 2)
@@ -27,7 +27,7 @@ _WIDE = 20.0
 def read_mjcf(path: Path) -> Foreign:
     """The model at rest (`qpos0`). Names for the class: geom, bodies from the inside out, mesh, material, `group N`."""
     check_plain(path, "an MJCF model", MAX_TEXT_BYTES)
-    check_size(path)
+    check_mjcf_size(path)
     # Without a handler of ours MuJoCo writes its warnings to MUJOCO_LOG.TXT in the user's folder.
     mujoco.set_mju_user_warning(lambda text: warnings.warn(InputWarning(f"{path}: {text}"), stacklevel=2))
     try:

@@ -8,13 +8,13 @@ from dsmap.limits import MAX_IMAGE_PIXELS, MAX_MODEL_ELEMENTS
 
 MAX_FILES = 200
 """Files that a model includes."""
-MAX_TEXT_BYTES = 1 << 26
+_MAX_BYTES = 1 << 26
 """Of one file of a model."""
 _ARENA_BYTES = 1 << 30
 _UNITS = {"k": 1 << 10, "m": 1 << 20, "g": 1 << 30, "t": 1 << 40, "p": 1 << 50, "e": 1 << 60}
 
 
-def check_size(path: Path) -> None:
+def check_mjcf_size(path: Path) -> None:
     """Refuse a model that unfolds to too much.
 
     Raises:
@@ -32,8 +32,8 @@ def _count(file: Path, times: int, seen: list[Path], model: Path) -> int:
     if len(seen) > MAX_FILES:
         raise InputError(f"{model}: includes more than {MAX_FILES} files, expected fewer")
     try:
-        if file.is_file() and file.stat().st_size > MAX_TEXT_BYTES:
-            raise InputError(f"{file}: more than {MAX_TEXT_BYTES >> 20} MiB, expected a model")
+        if file.is_file() and file.stat().st_size > _MAX_BYTES:
+            raise InputError(f"{file}: more than {_MAX_BYTES >> 20} MiB, expected a model")
         root = ElementTree.fromstring(file.read_bytes())
     except (OSError, ValueError, ElementTree.ParseError) as error:
         raise InputError(f"{file}: not readable as MJCF ({error})") from error

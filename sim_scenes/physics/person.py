@@ -12,7 +12,7 @@ from dsmap.sim_scenes.textures.patterns import noise
 
 SPEED_M_S = 0.7
 """Of the walk [m/s]."""
-STEP_M = 0.5
+_STEP_M = 0.5
 """Length of a step [m]."""
 RADIUS_M = 0.34
 """Room that a walking person takes [m]."""
@@ -90,7 +90,7 @@ def _walk(start: np.ndarray, angle: float, length: float, seconds: float) -> np.
     turned = np.clip((phase - there) / turn, 0, 1)
     turned = turned * turned * (3 - 2 * turned)
     heading = angle - np.pi / 2 + np.pi * (lap + turned)
-    swing = 0.5 * np.sin(np.pi * way / STEP_M) * np.clip(np.gradient(way, STEP_S) ** 2 / 0.1, 0, 1)
+    swing = 0.5 * np.sin(np.pi * way / _STEP_M) * np.clip(np.gradient(way, STEP_S) ** 2 / 0.1, 0, 1)
     swing += 0.15 * np.sin(np.pi * 2.5 * turned) * (turned > 0) * (turned < 1)
     direction = np.array([np.cos(angle), np.sin(angle)])
     poses = np.tile(np.eye(4), (len(t), 3, 1, 1))

@@ -14,7 +14,7 @@ from dsmap.sim_scenes.scene import Assembly
 
 STEP_S, FALL_S, PATIENCE_S = 0.004, 0.8, 2.4
 """Time step; after the first time all are looked at; what has not come to rest after the second is left out."""
-DEEP = 0.004
+_DEEP = 0.004
 """Resting things may sink this far into what they lie on [m]."""
 SLIP = 0.12
 """Things that end up this much lower than their support have fallen off [m]."""
@@ -23,7 +23,7 @@ SLOW = 0.02
 
 
 @dataclass
-class Thing:
+class LooseThing:
     """Something to be dropped, and where."""
 
     assembly: Assembly
@@ -33,7 +33,7 @@ class Thing:
     """Height of the surface it is meant for [m]."""
 
 
-def settle(things: Sequence[Thing], static: Sequence[Collider]) -> list[np.ndarray | None]:
+def settle(things: Sequence[LooseThing], static: Sequence[Collider]) -> list[np.ndarray | None]:
     """Let things fall onto static colliders.
 
     Args:
@@ -59,7 +59,7 @@ def settle(things: Sequence[Thing], static: Sequence[Collider]) -> list[np.ndarr
 
 
 def _simulate(
-    things: Sequence[Thing], poses: Sequence[np.ndarray | None], static: Sequence[Collider]
+    things: Sequence[LooseThing], poses: Sequence[np.ndarray | None], static: Sequence[Collider]
 ) -> list[np.ndarray | None]:
     model, data, owner = _world(things, poses, static)
     size = np.array([np.linalg.norm(t.assembly.bounds(), axis=1).max() for t in things])
@@ -81,13 +81,13 @@ def _simulate(
         T = np.eye(4)
         T[:3, :3], T[:3, 3] = data.xmat[k + 1].reshape(3, 3), data.xpos[k + 1]
         lowest = min(float((shape.vertices @ T[2, :3]).min()) for shape, *_ in thing.assembly.parts) + T[2, 3]
-        good = rest[k] and lowest > thing.support - SLIP and sunk[k] < DEEP
+        good = rest[k] and lowest > thing.support - SLIP and sunk[k] < _DEEP
         found.append(T if good else None)
     return found
 
 
 def _world(
-    things: Sequence[Thing], poses: Sequence[np.ndarray | None], static: Sequence[Collider]
+    things: Sequence[LooseThing], poses: Sequence[np.ndarray | None], static: Sequence[Collider]
 ) -> tuple[mujoco.MjModel, mujoco.MjData, np.ndarray]:
     """Model, its state, and the thing that each geom belongs to (-1 = static)."""
     spec = mujoco.MjSpec()

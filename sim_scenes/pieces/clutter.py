@@ -12,7 +12,7 @@ from dsmap.sim_scenes.pieces import books, decor, dishes, small_things, soft_goo
 from dsmap.sim_scenes.scene import Assembly
 from dsmap.sim_scenes.textures.palette import Looks
 
-Make = Callable[[np.random.Generator, Looks], Assembly]
+SmallThingMaker = Callable[[np.random.Generator, Looks], Assembly]
 
 
 def stack_of_books(rng: np.random.Generator, looks: Looks) -> Assembly:
@@ -25,15 +25,15 @@ def one_book(rng: np.random.Generator, looks: Looks) -> Assembly:
     return books.pile_of_books(rng, looks, 1)
 
 
-_READING: tuple[Make, ...] = (
+_READING: tuple[SmallThingMaker, ...] = (
     stack_of_books,
     stack_of_books,
     one_book,
     books.magazine_stack,
     small_things.open_book,
 )
-_DRINKS: tuple[Make, ...] = (decor.mug, dishes.glass, dishes.bottle)
-PLACES: dict[str, tuple[Make, ...]] = {
+_DRINKS: tuple[SmallThingMaker, ...] = (decor.mug, dishes.glass, dishes.bottle)
+PLACES: dict[str, tuple[SmallThingMaker, ...]] = {
     "desk": (
         *_READING, decor.mug, decor.carton, small_things.pens, small_things.photo_frame, small_things.tissue_box,
         dishes.bottle, dishes.jar,

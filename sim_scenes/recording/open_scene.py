@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from dsmap.errors import InputError
-from dsmap.sim_scenes.importers.load import FORMATS, load_scene
+from dsmap.sim_scenes.importers.load import SCENE_FORMATS, load_scene
 from dsmap.sim_scenes.recording.options import RenderOptions
 from dsmap.sim_scenes.rooms.build import SCENES, build_scene
 from dsmap.sim_scenes.scene import Scene
@@ -18,8 +18,8 @@ def open_scene(options: RenderOptions) -> Scene:
     name = options.scene
     if name in SCENES:
         return build_scene(name, options.seed)
-    if Path(name).suffix.lower() not in FORMATS:
+    if Path(name).suffix.lower() not in SCENE_FORMATS:
         raise InputError(
-            f"unknown scene {name!r}; expected one of: {', '.join(SCENES)}, or a file ({', '.join(FORMATS)})"
+            f"unknown scene {name!r}; expected one of: {', '.join(SCENES)}, or a file ({', '.join(SCENE_FORMATS)})"
         )
     return load_scene(name, options.class_map, options.up)

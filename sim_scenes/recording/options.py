@@ -12,7 +12,7 @@ from dsmap.sim_scenes.camera_paths.trials import covered_frames
 from dsmap.sim_scenes.physics.kinds import MOVING, set_in_motion
 from dsmap.sim_scenes.render.renderer import RENDERERS, Image, Renderer
 from dsmap.sim_scenes.scene import Scene
-from dsmap.sim_scenes.sensors.colour_camera import LEVELS, Effects
+from dsmap.sim_scenes.sensors.colour_camera import STRENGTHS, Effects
 from dsmap.sim_scenes.sensors.registry import NOISES, SENSORS
 
 
@@ -72,7 +72,7 @@ class RenderOptions:
             ("noise", self.noise, NOISES),
             ("renderer", self.renderer, RENDERERS),
             ("moving thing", self.moving, MOVING),
-            ("image effects", self.effects, LEVELS),
+            ("image effects", self.effects, STRENGTHS),
         ):
             if value not in known:
                 raise InputError(f"unknown {name} {value!r}; expected one of: {', '.join(known)}")

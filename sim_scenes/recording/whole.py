@@ -3,8 +3,8 @@
 import json
 from pathlib import Path
 
-from dsmap.sequences.calibration import FILE as CALIBRATION
-from dsmap.sequences.mesh import FILE as MESH
+from dsmap.sequences.calibration import CALIBRATION_FILE as CALIBRATION
+from dsmap.sequences.mesh import MESH_FILE as MESH
 
 SUMMARY = "pixels.json"
 """In a scene's folder: its frames and its pixels a class, counted while it was rendered."""

@@ -16,7 +16,7 @@ from dsmap.sim_scenes.textures.palette import Looks
 
 
 @dataclass(frozen=True)
-class Kind:
+class RoomKind:
     """How big a kind of room is and who furnishes it."""
 
     furnish: Callable[[Furnisher], np.ndarray]
@@ -28,15 +28,15 @@ class Kind:
     """Least and largest number of pictures on its walls."""
 
 
-KINDS: dict[str, Kind] = {
-    "living_room": Kind(home.living_room, (4.4, 5.8), (3.9, 5.0), (2, 4)),
-    "bedroom": Kind(home.bedroom, (3.6, 5.0), (3.4, 4.5), (2, 4)),
-    "office": Kind(work.office, (3.4, 5.2), (3.2, 4.4), (1, 3)),
-    "kitchen": Kind(work.kitchen, (3.4, 5.0), (3.1, 4.2), (0, 2)),
-    "bathroom": Kind(work.bathroom, (2.3, 3.2), (2.1, 2.9), (0, 1)),
-    "corridor": Kind(work.corridor, (4.5, 7.0), (1.35, 1.9), (2, 5)),
+ROOM_KINDS: dict[str, RoomKind] = {
+    "living_room": RoomKind(home.living_room, (4.4, 5.8), (3.9, 5.0), (2, 4)),
+    "bedroom": RoomKind(home.bedroom, (3.6, 5.0), (3.4, 4.5), (2, 4)),
+    "office": RoomKind(work.office, (3.4, 5.2), (3.2, 4.4), (1, 3)),
+    "kitchen": RoomKind(work.kitchen, (3.4, 5.0), (3.1, 4.2), (0, 2)),
+    "bathroom": RoomKind(work.bathroom, (2.3, 3.2), (2.1, 2.9), (0, 1)),
+    "corridor": RoomKind(work.corridor, (4.5, 7.0), (1.35, 1.9), (2, 5)),
 }
-SCENES = (*KINDS, "flat")
+SCENES = (*ROOM_KINDS, "flat")
 """Names that `build_scene` takes."""
 
 
@@ -75,7 +75,7 @@ def _draw(name: str, seed: int, key: list[int]) -> Scene:
     if name == "flat":
         plan = flats.draw_flat(rng, height)
     else:
-        kind = KINDS[name]
+        kind = ROOM_KINDS[name]
         size = np.array([rng.uniform(*kind.width), rng.uniform(*kind.depth), height])
         plan = blueprint.single(rng, name, size)
     ends = np.array([[room.low, room.high] for room in plan.rooms])
@@ -90,7 +90,7 @@ def _draw(name: str, seed: int, key: list[int]) -> Scene:
 
 def _finish(rng: np.random.Generator, looks: Looks, layout: Layout, plan: blueprint.Blueprint) -> np.ndarray:
     """Walls, furniture and pictures of one room; returns the point to look at first."""
-    kind = KINDS[layout.room.kind]
+    kind = ROOM_KINDS[layout.room.kind]
     shell.close_room(rng, looks, layout, plan.apply(layout))
     layout.floor.least = min(1.0, 0.12 * float(np.prod(layout.size[:2])))
     furnisher = Furnisher(rng, looks, layout)

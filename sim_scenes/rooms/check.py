@@ -12,7 +12,7 @@ from dsmap.sim_scenes.rooms.layout import FLAT
 from dsmap.sim_scenes.scene import Piece, Scene
 from dsmap.sim_scenes.space.walkable import Walkable
 
-DEEP = 0.005
+_DEEP = 0.005
 """Pieces that reach further than this into each other interpenetrate [m]."""
 TALL = 1.9
 """What hangs higher than this is walked under [m]."""
@@ -25,7 +25,7 @@ def check_scene(scene: Scene) -> list[str]:
 
 
 def interpenetrations(scene: Scene) -> list[str]:
-    """Pairs of pieces (furniture, settled things, doors, walls) more than `DEEP` inside each other."""
+    """Pairs of pieces (furniture, settled things, doors, walls) more than `_DEEP` inside each other."""
     return [
         f"{scene.pieces[a].name} (piece {a}) and {scene.pieces[b].name} (piece {b}) overlap by {1000 * deep:.1f} mm"
         for a, b, deep in overlaps(scene)
@@ -33,7 +33,7 @@ def interpenetrations(scene: Scene) -> list[str]:
 
 
 def overlaps(scene: Scene) -> list[tuple[int, int, float]]:
-    """Indices of two pieces and how deep one is in the other [m], where that is more than `DEEP`."""
+    """Indices of two pieces and how deep one is in the other [m], where that is more than `_DEEP`."""
     spec = mujoco.MjSpec()
     owners = []
     for index, piece in enumerate(scene.pieces):
@@ -54,7 +54,7 @@ def overlaps(scene: Scene) -> list[tuple[int, int, float]]:
     worst: dict[tuple[int, int], float] = {}
     for (one, two), distance in zip(data.contact.geom, data.contact.dist, strict=True):
         a, b = sorted((int(owner[one]), int(owner[two])))
-        if -distance > DEEP:
+        if -distance > _DEEP:
             worst[a, b] = max(worst.get((a, b), 0.0), -float(distance))
     return [(a, b, deep) for (a, b), deep in sorted(worst.items())]
 
@@ -74,7 +74,7 @@ def strays(scene: Scene) -> list[str]:
             continue
         room, (low, high) = scene.rooms[piece.room], world_bounds(piece)
         out = max((room.low - low[:2]).max(), (high[:2] - room.high).max(), -low[2], high[2] - room.height)
-        if out > DEEP:
+        if out > _DEEP:
             found.append(f"{piece.name} (piece {index}) reaches {1000 * out:.0f} mm out of room {piece.room}")
     return found
 

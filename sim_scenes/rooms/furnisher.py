@@ -8,15 +8,13 @@ import numpy as np
 from dsmap.sim_scenes.geometry.shapes import Shape, box
 from dsmap.sim_scenes.pieces import lamps, office, seats, storage, tables, wall_art
 from dsmap.sim_scenes.rooms.layout import Block, Layout, Wall
-from dsmap.sim_scenes.scene import Assembly
+from dsmap.sim_scenes.scene import Assembly, TopArea
 from dsmap.sim_scenes.textures import art
 from dsmap.sim_scenes.textures.palette import Looks
 
 RUG = 0.004
 """Thickness of a rug [m]: furniture stands on the floor through it."""
-Make = Callable[..., Assembly]
-Range = tuple[float, float]
-Surface = tuple[float, float, float, float, float]
+PieceMaker = Callable[..., Assembly]
 
 CHAIRS = (
     seats.dining_chair,
@@ -35,13 +33,13 @@ class Furnisher:
     looks: Looks
     layout: Layout
 
-    def make(self, piece: Make, *args: float) -> Assembly:
+    def make(self, piece: PieceMaker, *args: float) -> Assembly:
         """A piece, which is called after the function that makes it."""
         made = piece(self.rng, self.looks, *args)
         made.name = piece.__name__
         return made
 
-    def one_of(self, *pieces: Make) -> Assembly:
+    def one_of(self, *pieces: PieceMaker) -> Assembly:
         """A piece made by one of these functions."""
         return self.make(pieces[int(self.rng.integers(len(pieces)))])
 
@@ -80,7 +78,7 @@ class Furnisher:
         self,
         base: Assembly,
         thing: Assembly,
-        surface: Surface,
+        surface: TopArea,
         x: tuple[float, float],
         y: tuple[float, float],
         yaw: float = 0.0,
@@ -137,7 +135,7 @@ class Furnisher:
                 if self.layout.stand(chair, at, angle + np.pi + self.rng.uniform(-0.15, 0.15), under=[table]):
                     break
 
-    def desk(self, walls: Sequence[Wall], chairs: Sequence[Make] = (seats.office_chair,)) -> bool:
+    def desk(self, walls: Sequence[Wall], chairs: Sequence[PieceMaker] = (seats.office_chair,)) -> bool:
         """A work place against a wall: desk, screen, keyboard, lamp, books, and a chair before it."""
         rng, layout = self.rng, self.layout
         desk = self.make(
@@ -160,7 +158,7 @@ class Furnisher:
             return True
         return False
 
-    def _equip(self, desk: Assembly, top: Surface) -> None:
+    def _equip(self, desk: Assembly, top: TopArea) -> None:
         screens = (
             office.monitor,
             office.monitor,

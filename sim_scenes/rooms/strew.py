@@ -7,13 +7,12 @@ import numpy as np
 
 from dsmap.sim_scenes.geometry.shapes import rotation_x, rotation_z
 from dsmap.sim_scenes.physics.colliders import colliders_of
-from dsmap.sim_scenes.physics.settle import Thing, settle
+from dsmap.sim_scenes.physics.settle import LooseThing, settle
 from dsmap.sim_scenes.pieces import clutter
 from dsmap.sim_scenes.rooms.layout import Block, Layout
-from dsmap.sim_scenes.scene import Assembly, Piece
+from dsmap.sim_scenes.scene import Assembly, Piece, TopArea
 from dsmap.sim_scenes.textures.palette import Looks
 
-Surface = tuple[float, float, float, float, float]
 EYE = 1.2
 """Things higher than this are not looked at: one would mostly see the ceiling [m]."""
 ABOVE = 0.008
@@ -54,12 +53,12 @@ PILED = (
 class _Drop:
     """Things that fall onto one piece of furniture (or the floor)."""
 
-    things: list[Thing] = field(default_factory=list)
+    things: list[LooseThing] = field(default_factory=list)
     boxes: list[np.ndarray] = field(default_factory=list)
     """World bounds at the start, each (2, 3)."""
 
     def add(self, thing: Assembly, T: np.ndarray, support: float) -> None:
-        self.things.append(Thing(thing, T, support))
+        self.things.append(LooseThing(thing, T, support))
         self.boxes.append(_bounds(thing, T))
 
 
@@ -150,7 +149,7 @@ def _local(
     return None
 
 
-def _seats(piece: Piece) -> list[Surface]:
+def _seats(piece: Piece) -> list[TopArea]:
     """Where one may sit or lie on a sofa or bed without surfaces of its own: the flat part between its arms."""
     low, high = piece.assembly.bounds()
     inner = 0.2 * (high - low)

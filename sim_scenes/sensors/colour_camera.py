@@ -17,7 +17,7 @@ import numpy as np
 from dsmap.errors import InputError
 from dsmap.frame import Intrinsics
 
-LEVELS = ("none", "mild", "strong")
+STRENGTHS = ("none", "mild", "strong")
 """Names for the command line: nothing; a good camera in fair light; a cheap one in bad light."""
 
 _GAMMA = 2.2
@@ -67,15 +67,15 @@ class Effects:
         """One camera, drawn by seed.
 
         Args:
-            level: one of `LEVELS`.
+            level: one of `STRENGTHS`.
             seed: any number >= 0; the same seed gives the same camera.
             lens: also draw a lens distortion (barrel, at most 4 % of the radius at the image's corners).
 
         Raises:
             InputError: unknown level.
         """
-        if level not in LEVELS:
-            raise InputError(f"unknown image effects {level!r}; expected one of: {', '.join(LEVELS)}")
+        if level not in STRENGTHS:
+            raise InputError(f"unknown image effects {level!r}; expected one of: {', '.join(STRENGTHS)}")
         if level == "none":
             return cls(seed=seed)
         rng = np.random.default_rng([seed, 0xCA3])

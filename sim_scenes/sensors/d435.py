@@ -27,11 +27,6 @@ BLOCK_PX = 4.0
 """Matching windows make errors alike over about this distance at a width of 640 [px]."""
 
 
-def axial_sigma(depth: np.ndarray) -> np.ndarray:
-    """RMS error of depth at frontal textured surfaces [m]."""
-    return np.square(depth) * SUBPIXEL / (FOCAL_PX * BASELINE_M)
-
-
 def d435_depth(
     depth: np.ndarray, camera: Intrinsics, glass: np.ndarray, rgb: np.ndarray, *, seed: int, frame: int
 ) -> np.ndarray:

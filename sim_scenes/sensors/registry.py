@@ -12,7 +12,7 @@ from dsmap.sim_scenes.sensors.kinect import kinect_depth
 
 ROOM_M = 8.0
 """Depth range of a rendered room without a sensor's limits [m]."""
-Noise = Callable[..., np.ndarray]
+DepthNoise = Callable[..., np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ class Sensor:
     """fx = fy of both images at a width of 640 [px]."""
     depth_max: float
     """Depth beyond which it is not to be trusted [m], for calibration.yaml."""
-    noise: Noise | None
+    noise: DepthNoise | None
     """(true depth, camera, glass, rgb, seed=, frame=) -> depth; None = the true depth."""
 
     def camera(self, width: int, height: int) -> Intrinsics:

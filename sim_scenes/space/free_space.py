@@ -12,7 +12,7 @@ from dsmap.errors import InputError
 from dsmap.sim_scenes.scene import Scene
 from dsmap.sim_scenes.space.grids import distance_to_taken, regions
 
-CELL = 0.06
+_CELL = 0.06
 """Side of a voxel [m]."""
 CEILING = 2.2
 """No camera is held above [m]."""
@@ -41,7 +41,7 @@ class FreeSpace:
         ]
         self.low = np.array([*np.min([b[0] for b in boxes], 0), 0.0])
         self.high = np.array([*np.max([b[1] for b in boxes], 0), min(CEILING, float(vertices[:, 2].max()))])
-        self.shape = tuple(np.ceil((self.high - self.low) / CELL).astype(int))
+        self.shape = tuple(np.ceil((self.high - self.low) / _CELL).astype(int))
         floor = np.zeros(self.shape[:2], bool)
         for low, high in boxes:
             floor |= self._floor(low, high)
@@ -52,7 +52,7 @@ class FreeSpace:
 
     def _floor(self, low: np.ndarray, high: np.ndarray) -> np.ndarray:
         """Columns whose middle lies in a rectangle, bool (X, Y)."""
-        x, y = (self.low[k] + (np.arange(self.shape[k]) + 0.5) * CELL for k in (0, 1))
+        x, y = (self.low[k] + (np.arange(self.shape[k]) + 0.5) * _CELL for k in (0, 1))
         return ((x > low[0]) & (x < high[0]))[:, None] & ((y > low[1]) & (y < high[1]))[None]
 
     def _voxels(self, floor: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -63,11 +63,11 @@ class FreeSpace:
         solid |= ~floor[..., None]
         # Beyond the rooms all is solid: pad, so that the outermost voxels know it.
         padded = np.pad(~solid, ((1, 1), (1, 1), (1, 0)))
-        distance = distance_to_taken(padded, CELL)[1:-1, 1:-1, 1:]
+        distance = distance_to_taken(padded, _CELL)[1:-1, 1:-1, 1:]
         parts, count = regions(distance > 0.12)
         if count == 0:
             raise InputError(f"{self.name} leaves the camera no free space")
-        size = np.bincount(parts.ravel(), minlength=count + 1) * CELL**3
+        size = np.bincount(parts.ravel(), minlength=count + 1) * _CELL**3
         size[0] = 0
         kept = (size > HIDDEN_M3) | (size == size.max())
         kept[0] = False
@@ -75,7 +75,7 @@ class FreeSpace:
 
     def cells(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Voxel of each of points (N, 3), clipped to the grid, (N, 3), and whether it was inside, (N,)."""
-        index = np.floor((points - self.low) / CELL).astype(int)
+        index = np.floor((points - self.low) / _CELL).astype(int)
         shape = np.array(self.shape)
         return np.clip(index, 0, shape - 1), np.all((index >= 0) & (index < shape), axis=-1)
 
@@ -103,7 +103,7 @@ class FreeSpace:
 
     def reach(self, eye: np.ndarray, direction: np.ndarray, limit: float) -> np.ndarray:
         """How far one sees from points (N, 3) along unit vectors (N, 3) before something solid [m], up to `limit`."""
-        steps = np.arange(2 * CELL, limit + CELL, CELL * 0.7)
+        steps = np.arange(2 * _CELL, limit + _CELL, _CELL * 0.7)
         points = eye[:, None] + steps[:, None] * direction[:, None]
         cells, inside = self.cells(points.reshape(-1, 3))
         blocked = (inside & (self._distance[tuple(cells.T)] <= 0)).reshape(points.shape[:2])
@@ -117,15 +117,15 @@ class FreeSpace:
 
     def eye_clearance(self) -> np.ndarray:
         """Least distance to anything over `EYE_BAND` at each column [m], 0 where shut up, shape (X, Y)."""
-        first, last = (int(h / CELL) for h in EYE_BAND)
+        first, last = (int(h / _CELL) for h in EYE_BAND)
         band = np.where(self.open, self._distance, 0.0)[:, :, first : last + 1]
         return band.min(2)
 
     def body_clearance(self) -> np.ndarray:
         """Distance of each column to the nearest one with something in `BODY_BAND` [m], shape (X, Y)."""
-        first, last = (int(h / CELL) for h in BODY_BAND)
+        first, last = (int(h / _CELL) for h in BODY_BAND)
         taken = (self._distance[:, :, first : last + 1] <= 0).any(2)
-        return distance_to_taken(np.pad(~taken, 1), CELL)[1:-1, 1:-1]
+        return distance_to_taken(np.pad(~taken, 1), _CELL)[1:-1, 1:-1]
 
 
 class Ways:
@@ -136,14 +136,14 @@ class Ways:
         eye, body = space.eye_clearance(), space.body_clearance()
         self.clear = np.minimum(eye, body + 0.12)
         self.walkable = self._largest((eye > 0.27) & (body > HALF_BODY))
-        if self.walkable.sum() * CELL**2 < 0.4:
+        if self.walkable.sum() * _CELL**2 < 0.4:
             # A crammed room: a camera fits where a person hardly does.
             self.walkable = self._largest(eye > 0.2)
         if not self.walkable.any():
             raise InputError(f"{space.name} leaves the camera no free space")
         self._number = np.full(self.walkable.shape, -1)
         self._number[self.walkable] = np.arange(self.walkable.sum())
-        self.points = space.low[:2] + (np.argwhere(self.walkable) + 0.5) * CELL
+        self.points = space.low[:2] + (np.argwhere(self.walkable) + 0.5) * _CELL
         self.room_left = self.clear[self.walkable]
         self._graph = self._edges()
 
@@ -162,7 +162,7 @@ class Ways:
             other = padded[cells[:, 0] + dx, cells[:, 1] + dy]
             here = np.flatnonzero(other >= 0)
             there = other[here]
-            length = CELL * np.hypot(dx, dy) * (comfort[here] + comfort[there]) / 2
+            length = _CELL * np.hypot(dx, dy) * (comfort[here] + comfort[there]) / 2
             rows += [here, there]
             columns += [there, here]
             costs += [length, length]
@@ -188,7 +188,7 @@ class Ways:
 
     def clearance_at(self, xy: np.ndarray) -> np.ndarray:
         """Room on all sides at floor points (N, 2) [m], bilinear between columns."""
-        at = (xy - self.space.low[:2]) / CELL - 0.5
+        at = (xy - self.space.low[:2]) / _CELL - 0.5
         return ndimage.map_coordinates(self.clear, at.T, order=1, mode="nearest")
 
 

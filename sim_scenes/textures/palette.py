@@ -69,8 +69,8 @@ class Looks:
         )
 
     def tiled(self, kind: str, palette: Sequence[Sequence[float]]) -> str:
-        """A new material with a tileable texture of `KINDS`."""
-        make, tile = KINDS[kind]
+        """A new material with a tileable texture of `_KINDS`."""
+        make, tile = _KINDS[kind]
         specular, shininess = FINISH.get(kind, (0.04, 0.1))
         tile *= self.rng.uniform(0.85, 1.2)
         image = make(self.rng, self.colour(palette))
@@ -162,7 +162,7 @@ class Looks:
         return self.tiled(kind, palette.get(kind, STONES if kind in STONY else CARPETS))
 
 
-KINDS: dict[str, tuple[Callable[..., np.ndarray], float]] = {**patterns.TILED, **surfaces.TILED}
+_KINDS: dict[str, tuple[Callable[..., np.ndarray], float]] = {**patterns.TILED, **surfaces.TILED}
 """Kind of a tiled surface to (generator, metres that one tile spans)."""
 STONY = ("marble", "granite", "terrazzo", "slate")
 FLOORS: dict[str, dict[str, float]] = {

@@ -14,10 +14,10 @@ from dsmap.errors import InputError
 from dsmap.plain import brief
 from dsmap.ranges import check_value, hints_of
 
-T = TypeVar("T")
+_T = TypeVar("_T")
 
 
-def fill(default: T, values: dict[str, Any], where: str, strict: bool = True) -> T:
+def fill(default: _T, values: dict[str, Any], where: str, strict: bool = True) -> _T:
     """A copy of a dataclass with the given values; absent fields keep theirs.
 
     Args:

@@ -20,7 +20,7 @@ _ALIASES = {
 }  # fmt: skip
 """Names that other programs give them (ROS, RealSense, COLMAP, Kalibr)."""
 _NONE = ("pinhole", "none", "")
-NAMES = (*MODELS, *_ALIASES, "pinhole")
+LENS_NAMES = (*MODELS, *_ALIASES, "pinhole")
 """Every name that is understood."""
 
 
@@ -31,7 +31,7 @@ def model_named(name: str) -> str | None:
         return None
     model = _ALIASES.get(plain, plain)
     if model not in MODELS:
-        raise InputError(f"unknown distortion model {name!r}; expected one of: {', '.join(NAMES)}")
+        raise InputError(f"unknown distortion model {name!r}; expected one of: {', '.join(LENS_NAMES)}")
     return model
 
 

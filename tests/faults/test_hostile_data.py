@@ -144,7 +144,7 @@ def test_arrays_are_bounded_by_their_headers():
 
 
 def test_a_model_is_counted_before_it_is_built(tmp_path):
-    from dsmap.sim_scenes.importers.mjcf_size import check_size
+    from dsmap.sim_scenes.importers.mjcf_size import check_mjcf_size
 
     def model(body: str, more: str = "") -> Path:
         path = tmp_path / "model.xml"
@@ -152,7 +152,7 @@ def test_a_model_is_counted_before_it_is_built(tmp_path):
         return path
 
     geom = '<geom type="box" size="1 1 1"/>'
-    check_size(model(f'<replicate count="100" offset="1 0 0">{geom}</replicate>'))
+    check_mjcf_size(model(f'<replicate count="100" offset="1 0 0">{geom}</replicate>'))
     nested = geom
     for _ in range(4):
         nested = f'<replicate count="100" offset="1 0 0">{nested}</replicate>'
@@ -174,7 +174,7 @@ def test_a_model_is_counted_before_it_is_built(tmp_path):
         ("<broken", "", "not readable as MJCF"),
     ]:
         with pytest.raises(InputError, match=words):
-            check_size(model(body, more))
+            check_mjcf_size(model(body, more))
 
 
 def test_a_cut_copies_nothing_from_outside(tmp_path, capsys):

@@ -17,12 +17,12 @@ from synthetic_map import SIZE, TABLE, room_arrays
 from dsmap.classes import NUM_CLASSES, PALETTE
 from dsmap.errors import InputError
 from dsmap.fusion.exports import colmap, mesh, points, surface, trajectory
-from dsmap.fusion.exports.formats import FORMATS, Job, write
-from dsmap.fusion.exports.level import level_frame
+from dsmap.fusion.exports.formats import FORMATS, ExportJob, write
+from dsmap.fusion.exports.level import level_transform
 from dsmap.fusion.exports.occupancy import FREE, OCCUPIED, UNKNOWN, occupancy_grid, write_occupancy
 from dsmap.fusion.exports.octomap import Voxels, write_octomap
 from dsmap.fusion.exports.run_frames import RunFrames
-from dsmap.fusion.exports.splat import NAMES, write_splat
+from dsmap.fusion.exports.splat import PROPERTIES, write_splat
 from dsmap.fusion.labels.semantics import GroundTruthSegmenter
 from dsmap.fusion.mapper import Mapper
 from dsmap.fusion.runs.read_run import SavedRun, load_run
@@ -62,7 +62,7 @@ def room() -> dict[str, np.ndarray]:
 
 
 @pytest.fixture(scope="module")
-def room_surface(room) -> surface.Surface:
+def room_surface(room) -> surface.SurfaceMesh:
     return surface.surface_of(room, 0.04)
 
 
@@ -207,7 +207,7 @@ def test_splats_cover_their_surfels(tmp_path, room):
     trimesh = pytest.importorskip("trimesh")
     assert write_splat(tmp_path / "splat.ply", room, 10.0) == len(room["weight"])
     data = trimesh.load(tmp_path / "splat.ply", process=False).metadata["_ply_raw"]["vertex"]["data"]
-    assert list(data.dtype.names) == NAMES and len(NAMES) == 62, "what the reference program reads"
+    assert list(data.dtype.names) == PROPERTIES and len(PROPERTIES) == 62, "what the reference program reads"
     colour = 0.5 + 0.28209479177387814 * np.asarray(data["f_dc_1"]).ravel()
     assert np.allclose(colour, room["colour"][:, 1].clip(0, 1), atol=1e-5)
     w, x, y, z = (np.asarray(data[f"rot_{i}"]).ravel() for i in range(4))
@@ -309,7 +309,7 @@ def _hit(found: np.ndarray, pixels: np.ndarray) -> None:
 
 
 def test_nerfstudio_projects_the_map_into_its_pixels(tmp_path, run, frames):
-    job = Job(run, lambda: open_sequence(frames.path))
+    job = ExportJob(run, lambda: open_sequence(frames.path))
     assert "14 images" in write("nerfstudio", job, tmp_path / "out")
     content = json.loads((tmp_path / "out" / "transforms.json").read_text())
     assert content["camera_model"] == "OPENCV" and len(content["frames"]) == len(FRAMES)
@@ -329,7 +329,7 @@ def test_nerfstudio_projects_the_map_into_its_pixels(tmp_path, run, frames):
 
 def test_colmap_projects_the_map_into_its_pixels(tmp_path, run, frames):
     pycolmap = pytest.importorskip("pycolmap")
-    write("colmap", Job(run, lambda: open_sequence(frames.path)), tmp_path / "out")
+    write("colmap", ExportJob(run, lambda: open_sequence(frames.path)), tmp_path / "out")
     model = pycolmap.Reconstruction(str(tmp_path / "out" / "sparse" / "0"))
     assert model.num_images() == len(FRAMES)
     assert model.num_points3D() == _alive(run)
@@ -363,7 +363,7 @@ def test_a_distorted_camera_is_colmaps_camera(tmp_path, distortion):
 
 
 def test_labels_2d_is_the_map_in_every_frame(tmp_path, run, frames, recording):
-    write("labels-2d", Job(run, lambda: open_sequence(recording)), tmp_path / "out")
+    write("labels-2d", ExportJob(run, lambda: open_sequence(recording)), tmp_path / "out")
     written = open_sequence(tmp_path / "out")
     assert len(written.labelled()) == len(FRAMES) and written.has_poses
     for i in (0, 9):
@@ -381,7 +381,7 @@ def test_trajectories_are_read_by_evo(tmp_path, run):
         pytest.skip("evo is not installed")
     for kind in trajectory.WRITERS:
         out = tmp_path / f"{kind}.txt"
-        write("trajectory", Job(run, lambda: None, type=kind), out)
+        write("trajectory", ExportJob(run, lambda: None, type=kind), out)
         env = {"HOME": str(tmp_path), "MPLBACKEND": "agg"}
         done = subprocess.run([program, kind, str(out), "-v"], capture_output=True, text=True, env=env)
         assert done.returncode == 0 and f"{len(FRAMES)} poses" in done.stdout.replace(
@@ -391,7 +391,7 @@ def test_trajectories_are_read_by_evo(tmp_path, run):
 
 def test_trajectories_hold_the_same_poses(tmp_path, run):
     for kind in trajectory.WRITERS:
-        write("trajectory", Job(run, lambda: None, type=kind), tmp_path / kind)
+        write("trajectory", ExportJob(run, lambda: None, type=kind), tmp_path / kind)
     tum, kitti = np.loadtxt(tmp_path / "tum"), np.loadtxt(tmp_path / "kitti").reshape(-1, 3, 4)
     euroc = np.loadtxt(tmp_path / "euroc", delimiter=",")
     assert np.allclose(kitti, run.poses[:, :3], atol=1e-6)
@@ -402,7 +402,7 @@ def test_trajectories_hold_the_same_poses(tmp_path, run):
 
 def test_rerun_reads_its_recording(tmp_path, run, recording):
     rerun = pytest.importorskip("rerun")
-    write("rerun", Job(run, lambda: open_sequence(recording), type="rrd"), tmp_path / "run.rrd")
+    write("rerun", ExportJob(run, lambda: open_sequence(recording), type="rrd"), tmp_path / "run.rrd")
     program = [sys.executable, "-m", "rerun"]
     done = subprocess.run(
         [*program, "rrd", "verify", str(tmp_path / "run.rrd")], capture_output=True, text=True
@@ -418,7 +418,7 @@ def test_rerun_reads_its_recording(tmp_path, run, recording):
 
 
 def test_the_level_frame_has_its_floor_at_zero(run):
-    T = level_frame(run)
+    T = level_transform(run)
     assert np.allclose(T[:3, :3] @ T[:3, :3].T, np.eye(3)) and np.linalg.det(T[:3, :3]) == pytest.approx(1)
 
 
@@ -451,7 +451,7 @@ def test_wrong_flags_are_one_sentence(run, capsys, flags, message):
 
 
 def test_a_recording_alone_has_no_mesh(recording, tmp_path):
-    job = Job(None, lambda: open_sequence(recording), type="ply")
+    job = ExportJob(None, lambda: open_sequence(recording), type="ply")
     with pytest.raises(InputError, match="needs a map"):
         write("mesh", job, tmp_path / "mesh.ply")
     write("trajectory", replace(job, type="kitti"), tmp_path / "poses.txt")

@@ -12,7 +12,7 @@ from dsmap.classes import CLASS_NAMES
 from dsmap.fusion.config import SegmentConfig
 from dsmap.fusion.labels.semantics import GroundTruthSegmenter
 from dsmap.fusion.mapper import Mapper
-from dsmap.fusion.objects.boxes import EDGES, Box, fit_box, overlap
+from dsmap.fusion.objects.boxes import EDGES, Box, box_overlap, fit_box
 from dsmap.fusion.objects.files import graph_tree, objects_tree, write_objects
 from dsmap.fusion.objects.pooling import pool_probabilities, set_probabilities
 from dsmap.fusion.objects.relations import find_relations
@@ -183,10 +183,10 @@ def test_boxes_overlap_as_their_volumes_do():
     box = Box(T, np.array([2.0, 1.0, 1.0]))
     moved = np.eye(4)
     moved[0, 3] = 1.0
-    assert overlap(box, box) == pytest.approx(1.0, abs=1e-3)
-    assert overlap(box, Box(moved, box.extent)) == pytest.approx(1 / 3, abs=1e-3)
+    assert box_overlap(box, box) == pytest.approx(1.0, abs=1e-3)
+    assert box_overlap(box, Box(moved, box.extent)) == pytest.approx(1 / 3, abs=1e-3)
     moved[2, 3] = 2.0
-    assert overlap(box, Box(moved, box.extent)) == 0.0
+    assert box_overlap(box, Box(moved, box.extent)) == 0.0
     corners = box.corners()
     assert sorted(np.linalg.norm(corners[a] - corners[b]) for a, b in EDGES) == [1.0] * 8 + [2.0] * 4
 

@@ -15,7 +15,7 @@ from dsmap.fusion.places.rotation_search import best_shift, search_rotation
 from dsmap.fusion.places.sightings import Sightings
 from dsmap.fusion.surfels.model import LEVELS
 from dsmap.fusion.surfels.model_view import ModelView
-from dsmap.fusion.tracking.agreement import agreement, correlation, reason_to_reject, texture_match
+from dsmap.fusion.tracking.agreement import agreement, correlation, reason_to_reject_pose, texture_match
 from dsmap.fusion.tracking.pose_check import PoseCheck
 from dsmap.fusion.tracking.tracker import Health
 from dsmap.fusion.trajectory import TrajectoryPoint, extrapolated
@@ -97,16 +97,18 @@ def test_agreement_says_what_is_wrong(mapped):
 
     good = compare(rgb, depth)
     assert (
-        not reason_to_reject(good, config)
+        not reason_to_reject_pose(good, config)
         and good.same > 0.95
         and good.seen_through < 0.02
         and good.ncc > 0.9
     )
-    assert "seen through" in reason_to_reject(
+    assert "seen through" in reason_to_reject_pose(
         compare(rgb, depth + np.float32(0.3) * (np.arange(96) > 60)), config
     )
-    assert "agree" in reason_to_reject(compare(rgb, depth - np.float32(0.3) * (np.arange(96) > 60)), config)
-    assert "correlate" in reason_to_reject(compare(255 - rgb, depth), config)
+    assert "agree" in reason_to_reject_pose(
+        compare(rgb, depth - np.float32(0.3) * (np.arange(96) > 60)), config
+    )
+    assert "correlate" in reason_to_reject_pose(compare(255 - rgb, depth), config)
     covered = np.where(np.arange(96) > 20, 0, depth).astype(np.float32)
     assert compare(rgb, covered).same > 0.95, "what the frame does not see is not held against it"
 

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 
 from dsmap.tools.twins import images as reference
-from dsmap.tools.twins.corner import INTRINSICS, LEVELS
+from dsmap.tools.twins.corner import INTRINSICS, LEVEL_CAMERAS
 
 WALL_Z, CUPBOARD_X, CUPBOARD_Z = 1.6, 1.2, 1.25
 """Where they are [m], from a camera at the origin that looks at the wall; the cupboard goes on to the right."""
@@ -12,7 +12,7 @@ WALL_Z, CUPBOARD_X, CUPBOARD_Z = 1.6, 1.2, 1.25
 
 def film(T_world_camera: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """Colour, uint8, and depth [m], float32, from there, both with a sensor's noise."""
-    direction = reference.rays(LEVELS[0]) @ T_world_camera[:3, :3].T
+    direction = reference.rays(LEVEL_CAMERAS[0]) @ T_world_camera[:3, :3].T
     origin = T_world_camera[:3, 3]
     depth = (WALL_Z - origin[2]) / direction[..., 2]
     front = (CUPBOARD_Z - origin[2]) / direction[..., 2]

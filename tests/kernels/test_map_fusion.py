@@ -44,7 +44,7 @@ def matched(surfels, T, maps, **options) -> wp.array:
 def test_association_equals_its_twin(seed, options):
     T, surfels, frame, maps = scene(seed)
     match = matched(surfels, T, maps, **options).numpy()
-    expected = reference_map.associate(reference_map.arrays(surfels), CAMERA, T, frame, **options)
+    expected = reference_map.associate_surfels(reference_map.arrays(surfels), CAMERA, T, frame, **options)
     assert (expected >= 0).sum() > 200 and (expected == TAKEN).sum() > 20
     assert (match != expected).sum() <= 2
     chosen = match[match >= 0]
@@ -56,7 +56,9 @@ def test_the_depth_gate_widens_with_depth_squared():
     narrow = matched(surfels, T, maps, max_ray_distance=0.005).numpy()
     wide = matched(surfels, T, maps, max_ray_distance=0.005, max_ray_distance_z2=0.02).numpy()
     s = reference_map.arrays(surfels)
-    expected = reference_map.associate(s, CAMERA, T, frame, max_ray_distance=0.005, max_ray_distance_z2=0.02)
+    expected = reference_map.associate_surfels(
+        s, CAMERA, T, frame, max_ray_distance=0.005, max_ray_distance_z2=0.02
+    )
     assert (wide >= 0).sum() > 1.5 * (narrow >= 0).sum()
     assert (wide != expected).sum() <= 2
 

@@ -14,33 +14,33 @@ from dsmap.fusion.tracking.tracker import Tracker, exposure_gain
 from dsmap.kernels import odometry
 from dsmap.kernels.preprocess import preprocess
 from dsmap.tools.twins import images as reference
-from dsmap.tools.twins.corner import LEVELS, room
+from dsmap.tools.twins.corner import LEVEL_CAMERAS, room
 
 CPU = wp.get_device("cpu")
 
 
 def pair(T_prev_cur: np.ndarray):
     """Maps of two views of the room, and the first as a model view."""
-    first = preprocess(*room(np.eye(4)), LEVELS, CPU)
-    second = preprocess(*room(T_prev_cur), LEVELS, CPU)
+    first = preprocess(*room(np.eye(4)), LEVEL_CAMERAS, CPU)
+    second = preprocess(*room(T_prev_cur), LEVEL_CAMERAS, CPU)
     return second, ModelView(first[0].vertex, first[0].normal, first[0].intensity, 3, np.eye(4)), first
 
 
 @pytest.mark.parametrize("stride", [1, 2])
 def test_joint_normal_equations(stride):
     frame, model, _ = pair(exp_se3(np.array([0.02, -0.01, 0.015, 0.01, 0.02, -0.01])))
-    tracker = Tracker(TrackConfig(huber_icp=0.004, huber_rgb=0.02, noise_z=0.3), LEVELS)
+    tracker = Tracker(TrackConfig(huber_icp=0.004, huber_rgb=0.02, noise_z=0.3), LEVEL_CAMERAS)
     gates = tracker._gates(1, gain=1.05)
     gates.stride = stride
     T = exp_se3(np.array([0.01, 0.0, 0.005, 0.0, 0.01, 0.0]))
     surfaces = frame[1].surface, model.level(1)
-    got = odometry.joint_normal_equations(LEVELS[1], gates, *surfaces)(T)
+    got = odometry.joint_normal_equations(LEVEL_CAMERAS[1], gates, *surfaces)(T)
     arrays = [
         [getattr(s, n).numpy().astype(np.float64) for n in ("vertex", "normal", "intensity")]
         for s in surfaces
     ]
     arrays[1].append(surfaces[1].gradient.numpy().astype(np.float64))
-    for ours, rows in zip(got, reference.joint_rows(LEVELS[1], T, gates, *arrays), strict=True):
+    for ours, rows in zip(got, reference.joint_rows(LEVEL_CAMERAS[1], T, gates, *arrays), strict=True):
         A, b, cost, count = reference.normal_equations(rows)
         assert abs(ours.count - count) <= 2, "a pixel on a gate may fall either way in single precision"
         np.testing.assert_allclose(ours.A, A, rtol=0.02, atol=2e-3 * np.abs(A).max())
@@ -61,7 +61,7 @@ def test_exposure_is_not_taken_for_motion():
     errors = {}
     for exposure in (True, False):
         config = TrackConfig(exposure=exposure, so3=False, w_rgb=1.0, rgb_balance=1e3)  # colour decides
-        found, health = Tracker(config, LEVELS).track(frame, model)
+        found, health = Tracker(config, LEVEL_CAMERAS).track(frame, model)
         errors[exposure] = np.linalg.norm((np.linalg.inv(T) @ found)[:3, 3])
     assert errors[True] < 2e-3 and errors[True] < 0.1 * errors[False]
     nothing = dataclasses.replace(coarsest, intensity=wp.zeros_like(coarsest.intensity))
@@ -75,8 +75,10 @@ def test_rotation_normal_equations():
     R = exp_so3(np.array([0.0, 0.01, 0.0]))
     last = first[2].intensity
     gradient = odometry.gradient(last)
-    got = odometry.rotation_normal_equations(LEVELS[2], frame[2].intensity, last, gradient)(R)
-    rows = reference.rotation_rows(LEVELS[2], R, frame[2].intensity.numpy(), last.numpy(), gradient.numpy())
+    got = odometry.rotation_normal_equations(LEVEL_CAMERAS[2], frame[2].intensity, last, gradient)(R)
+    rows = reference.rotation_rows(
+        LEVEL_CAMERAS[2], R, frame[2].intensity.numpy(), last.numpy(), gradient.numpy()
+    )
     ours_by_name = (got.A, got.b, got.squares, got.count)
     for ours, expected in zip(ours_by_name, reference.normal_equations(rows), strict=True):
         np.testing.assert_allclose(ours, expected, rtol=1e-3, atol=1e-3 * np.abs(expected).max())
@@ -85,11 +87,11 @@ def test_rotation_normal_equations():
 def test_lanes_do_not_change_the_sums(monkeypatch):
     """The CUDA path splits rows into lanes: the same sums, in another order."""
     frame, model, _ = pair(exp_se3(np.array([0.02, 0, 0, 0, 0.01, 0])))
-    gates = Tracker(TrackConfig(), LEVELS)._gates(0)
+    gates = Tracker(TrackConfig(), LEVEL_CAMERAS)._gates(0)
     maps = frame[0].surface
-    one = odometry.joint_normal_equations(LEVELS[0], gates, maps, model.level(0))(np.eye(4))
+    one = odometry.joint_normal_equations(LEVEL_CAMERAS[0], gates, maps, model.level(0))(np.eye(4))
     monkeypatch.setattr(odometry, "_lanes", lambda device: odometry.CUDA_LANES)
-    many = odometry.joint_normal_equations(LEVELS[0], gates, maps, model.level(0))(np.eye(4))
+    many = odometry.joint_normal_equations(LEVEL_CAMERAS[0], gates, maps, model.level(0))(np.eye(4))
     for a, b in zip(one, many, strict=True):
         assert a.count == b.count
         np.testing.assert_allclose(a.A, b.A, rtol=1e-4, atol=1e-4 * np.abs(a.A).max())
@@ -101,7 +103,7 @@ def test_lanes_do_not_change_the_sums(monkeypatch):
 def test_tracker_finds_the_motion(xi):
     truth = exp_se3(np.array(xi))
     frame, model, first = pair(truth)
-    tracker = Tracker(TrackConfig(), LEVELS)
+    tracker = Tracker(TrackConfig(), LEVEL_CAMERAS)
     tracker.remember(first[-1].surface)
     T_prev_cur, health = tracker.track(frame, model)
     error = inverse(truth) @ T_prev_cur
@@ -119,12 +121,12 @@ def wall(distance: float, noise: float, seed: int) -> tuple[np.ndarray, np.ndarr
 
 def test_in_front_of_a_bare_wall_motion_says_what_depth_cannot():
     """Depth alone tells the distance and two angles; the rest comes from the expectation, however wrong it is."""
-    model = preprocess(*wall(2.0, 0.0, 0), LEVELS, CPU)
+    model = preprocess(*wall(2.0, 0.0, 0), LEVEL_CAMERAS, CPU)
     view = ModelView(model[0].vertex, model[0].normal, model[0].intensity, 3, np.eye(4))
-    frame = preprocess(*wall(1.98, 0.002, 1), LEVELS, CPU)
+    frame = preprocess(*wall(1.98, 0.002, 1), LEVEL_CAMERAS, CPU)
     motion = np.array([0.01, -0.02, 0.005, 0.004, -0.003, 0.02])
     sure = 0.005**-2.0 * np.eye(6)
-    tracker = Tracker(TrackConfig(), LEVELS)
+    tracker = Tracker(TrackConfig(), LEVEL_CAMERAS)
     found, health = tracker.track(frame, view, expected=Expected(exp_se3(motion), sure))
     xi = log_se3(found)
     np.testing.assert_allclose(
@@ -140,7 +142,7 @@ def test_a_sure_measurement_outweighs_a_wrong_expectation():
     truth = exp_se3(np.array([0.03, -0.02, 0.02, 0.02, -0.03, 0.01]))
     frame, model, _ = pair(truth)
     wrong = Expected(np.eye(4), 0.02**-2.0 * np.eye(6))
-    found, health = Tracker(TrackConfig(), LEVELS).track(frame, model, expected=wrong)
+    found, health = Tracker(TrackConfig(), LEVEL_CAMERAS).track(frame, model, expected=wrong)
     assert health.tracked and np.linalg.norm((inverse(truth) @ found)[:3, 3]) < 2e-3
 
 
@@ -148,7 +150,7 @@ def test_a_search_starts_where_motion_leads_if_that_fits_better():
     """So far from the last pose that registration does not get there from it."""
     truth = exp_se3(np.array([0.05, -0.05, 0.05, 0, 0.5, 0]))
     frame, model, _ = pair(truth)
-    tracker = Tracker(TrackConfig(so3=False), LEVELS)
+    tracker = Tracker(TrackConfig(so3=False), LEVEL_CAMERAS)
     unsure = 10.0**-2 * np.eye(6)
     starts = {"rest": None, "expected": Expected(truth, unsure), "wrong": Expected(inverse(truth), unsure)}
     off = {
@@ -163,12 +165,12 @@ def test_tracker_knows_when_it_is_lost():
     frame, model, first = pair(np.eye(4))
     rng = np.random.default_rng(0)
     noise = preprocess(rng.integers(0, 256, (72, 96, 3), dtype=np.uint8),
-                       rng.uniform(0.5, 3, (72, 96)).astype(np.float32), LEVELS, CPU)  # fmt: skip
-    tracker = Tracker(TrackConfig(), LEVELS)
+                       rng.uniform(0.5, 3, (72, 96)).astype(np.float32), LEVEL_CAMERAS, CPU)  # fmt: skip
+    tracker = Tracker(TrackConfig(), LEVEL_CAMERAS)
     tracker.remember(first[-1].surface)
     assert not tracker.track(noise, model)[1].tracked
-    far = preprocess(*room(exp_se3(np.array([0, 0, 0, 0, 2.5, 0]))), LEVELS, CPU)
+    far = preprocess(*room(exp_se3(np.array([0, 0, 0, 0, 2.5, 0]))), LEVEL_CAMERAS, CPU)
     assert not tracker.track(far, model)[1].tracked
-    empty = preprocess(np.zeros((72, 96, 3), np.uint8), np.zeros((72, 96), np.float32), LEVELS, CPU)
+    empty = preprocess(np.zeros((72, 96, 3), np.uint8), np.zeros((72, 96), np.float32), LEVEL_CAMERAS, CPU)
     assert not tracker.track(empty, model)[1].tracked
     assert tracker.track(frame, model)[1].tracked

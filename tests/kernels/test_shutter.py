@@ -20,7 +20,7 @@ from dsmap.tools.twins import images as reference
 from dsmap.tools.twins.corner import READOUT, TWIST, rolled
 
 CPU = wp.get_device("cpu")
-LEVELS = wall_corner.LEVELS
+LEVELS = wall_corner.LEVEL_CAMERAS
 
 
 def test_the_kernel_equals_its_twin():

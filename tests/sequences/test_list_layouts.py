@@ -13,7 +13,7 @@ from dsmap.sequences.associate import pose_vector
 from dsmap.sequences.lists import read_associations, read_image_list
 from dsmap.sequences.names import mixed_images, pair_by_name
 from dsmap.sequences.redwood import is_redwood, read_redwood
-from dsmap.sequences.tum import poses_of
+from dsmap.sequences.tum import listed_poses
 
 COUNT = 6
 BEGIN = 1560000083.75
@@ -228,14 +228,14 @@ MATRICES: dict[str, Callable[[float, np.ndarray], str]] = {
 def test_poses_as_matrices(name: str, tmp_path: Path):
     lines = [MATRICES[name](t, pose(k)) for k, t in enumerate(STAMPS)]
     (tmp_path / "groundtruth.txt").write_text("\n".join(lines))
-    for k, T in enumerate(poses_of(tmp_path / "groundtruth.txt", np.array(STAMPS), [])):
+    for k, T in enumerate(listed_poses(tmp_path / "groundtruth.txt", np.array(STAMPS), [])):
         assert pytest.approx(pose(k), abs=1e-5) == T
 
 
 def test_poses_without_stamps_of_another_number_of_frames_are_not_used(tmp_path: Path):
     (tmp_path / "groundtruth.txt").write_text("\n".join(numbers(pose(k)[:3]) for k in range(4)))
     notes: list[str] = []
-    assert poses_of(tmp_path / "groundtruth.txt", np.array(STAMPS), notes) == [None] * COUNT
+    assert listed_poses(tmp_path / "groundtruth.txt", np.array(STAMPS), notes) == [None] * COUNT
     assert "holds 4 without stamps for 6 frames" in notes[0]
 
 

@@ -140,7 +140,8 @@ def test_azure_noise_by_returned_light_and_within_its_specification(distance: fl
     light = sensor_azure.returned_light(np.array(distance), np.array(1.0), np.array(1.0))
     assert error.std() == pytest.approx(float(sensor_azure.axial_sigma(light)), rel=0.1)
     assert error.std() < 0.017 and abs(error.mean()) < 0.011
-    assert error.std() < 0.5 * sensor_d435.axial_sigma(np.array(max(distance, 1.2)))
+    stereo = max(distance, 1.2) ** 2 * sensor_d435.SUBPIXEL / (sensor_d435.FOCAL_PX * sensor_d435.BASELINE_M)
+    assert error.std() < 0.5 * stereo
 
 
 def test_azure_has_flying_pixels_loses_dark_far_things_and_reads_corners_too_far() -> None:

@@ -7,7 +7,7 @@ from sim_toys import two_rooms
 
 from dsmap.errors import InputError
 from dsmap.sim_scenes.camera_paths.hand import BANDS_HZ, POSITION_RMS_M, ROTATION_RMS_RAD, tremor
-from dsmap.sim_scenes.camera_paths.paths import camera_path, frame_rotations, path_length
+from dsmap.sim_scenes.camera_paths.paths import camera_path, frame_rotations, walked_length
 from dsmap.sim_scenes.camera_paths.trials import covered_frames
 from dsmap.sim_scenes.rooms.build import build_scene
 from dsmap.sim_scenes.space.free_space import FreeSpace
@@ -25,7 +25,7 @@ def test_a_round_trip_visits_both_rooms_and_comes_back(seed: int) -> None:
     scene = two_rooms()
     poses = camera_path(scene, "loop", 0, FPS, seed)
     eyes = poses[:, :3, 3]
-    assert path_length(eyes) >= 15.0
+    assert walked_length(eyes) >= 15.0
     assert eyes[:, 0].min() < -0.5 and eyes[:, 0].max() > 0.8
     assert np.linalg.norm(eyes[-1] - eyes[0]) < 0.03 and angle_between(poses[0], poses[-1]) < 3.0
     speed = np.linalg.norm(np.diff(eyes, axis=0), axis=1) * FPS
@@ -44,13 +44,13 @@ def test_a_round_trip_of_given_length_begins_alike_and_goes_around_again() -> No
     more = camera_path(scene, "loop", len(whole) + 200, FPS, 3)
     assert np.allclose(part, whole[:100])
     assert np.allclose(more[: len(whole)], whole) and len(more) == len(whole) + 200
-    assert path_length(more[len(whole) :, :3, 3]) > 1.0
+    assert walked_length(more[len(whole) :, :3, 3]) > 1.0
 
 
 def test_a_round_trip_in_one_room() -> None:
     scene = build_scene("living_room", 1)
     poses = camera_path(scene, "loop", 0, FPS, 1)
-    assert path_length(poses[:, :3, 3]) > 5.0
+    assert walked_length(poses[:, :3, 3]) > 5.0
     assert np.linalg.norm(poses[-1, :3, 3] - poses[0, :3, 3]) < 0.03
     assert angle_between(poses[0], poses[-1]) < 3.0
     assert FreeSpace(scene).clearance(poses[:, :3, 3]).min() > 0.25

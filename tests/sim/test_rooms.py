@@ -6,15 +6,15 @@ import pytest
 from dsmap.classes import CLASS_NAMES
 from dsmap.sim_scenes.geometry.shapes import box, cylinder, merged, rotation_z
 from dsmap.sim_scenes.physics.colliders import Collider, colliders_of, touch
-from dsmap.sim_scenes.physics.settle import Thing, settle
-from dsmap.sim_scenes.rooms.build import KINDS, MIX, SCENES, build_scene
+from dsmap.sim_scenes.physics.settle import LooseThing, settle
+from dsmap.sim_scenes.rooms.build import MIX, ROOM_KINDS, SCENES, build_scene
 from dsmap.sim_scenes.rooms.check import blocked_ways, check_scene, interpenetrations, overlaps, strays
 from dsmap.sim_scenes.rooms.flats import ROUND_TRIP_M, circle, draw_flat
 from dsmap.sim_scenes.rooms.layout import Layout
 from dsmap.sim_scenes.scene import Assembly, Room, Scene
 from dsmap.sim_scenes.space.walkable import Walkable
 
-FEW = [(kind, seed) for kind in KINDS for seed in (0, 1)]
+FEW = [(kind, seed) for kind in ROOM_KINDS for seed in (0, 1)]
 
 
 def cube(size: tuple[float, float, float] = (0.2, 0.2, 0.2), label: str = "objects") -> Assembly:
@@ -109,7 +109,7 @@ def test_the_mix_names_scenes() -> None:
 
 def test_things_fall_onto_what_is_below_and_rest() -> None:
     table = Collider(np.array([0, 0, 0.375]), np.eye(3), np.array([0.5, 0.5, 0.375]), None)
-    things = [Thing(cube(), at(0.1, 0.1, 0.76, 0.4), 0.75), Thing(cube(), at(0.1, 0.1, 0.98), 0.75)]
+    things = [LooseThing(cube(), at(0.1, 0.1, 0.76, 0.4), 0.75), LooseThing(cube(), at(0.1, 0.1, 0.98), 0.75)]
     low, high = settle(things, [table])
     assert low is not None and high is not None
     assert low[2, 3] == pytest.approx(0.75, abs=2e-3) and high[2, 3] == pytest.approx(0.95, abs=4e-3)
@@ -118,9 +118,9 @@ def test_things_fall_onto_what_is_below_and_rest() -> None:
 def test_what_falls_off_is_left_out_and_so_is_what_lay_on_it() -> None:
     table = Collider(np.array([0, 0, 0.375]), np.eye(3), np.array([0.5, 0.5, 0.375]), None)
     floor = Collider(np.array([0, 0, -0.5]), np.eye(3), np.array([5, 5, 0.5]), None)
-    over_the_edge = Thing(cube(), at(0.62, 0.0, 0.76), 0.75)
-    rider = Thing(cube((0.1, 0.1, 0.1)), at(0.62, 0.0, 0.97), 0.75)
-    safe = Thing(cube(), at(-0.2, 0.0, 0.76), 0.75)
+    over_the_edge = LooseThing(cube(), at(0.62, 0.0, 0.76), 0.75)
+    rider = LooseThing(cube((0.1, 0.1, 0.1)), at(0.62, 0.0, 0.97), 0.75)
+    safe = LooseThing(cube(), at(-0.2, 0.0, 0.76), 0.75)
     poses = settle([over_the_edge, rider, safe], [table, floor])
     assert poses[0] is None and poses[1] is None and poses[2] is not None
 

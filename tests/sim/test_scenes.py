@@ -5,7 +5,7 @@ import pytest
 
 from dsmap.classes import CLASS_NAMES
 from dsmap.errors import InputError
-from dsmap.sim_scenes.camera_paths.paths import FreeSpace, camera_path, frame_rotations, path_length
+from dsmap.sim_scenes.camera_paths.paths import FreeSpace, camera_path, frame_rotations, walked_length
 from dsmap.sim_scenes.geometry import shapes
 from dsmap.sim_scenes.rooms.build import build_scene
 from dsmap.sim_scenes.scene import Scene
@@ -83,7 +83,7 @@ def test_walk_is_long_calm_and_clear_of_everything(scenes: dict, key: tuple[str,
     poses = camera_path(scene, "walk", 300, 30.0, key[1])
     steps = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
     turns = frame_rotations(poses)
-    assert path_length(poses[:, :3, 3]) >= 4.0
+    assert walked_length(poses[:, :3, 3]) >= 4.0
     assert turns.sum() >= 180.0
     assert steps.max() < 0.03 and turns.max() < 3.0
     assert FreeSpace(scene).clearance(poses[:, :3, 3]).min() >= 0.4

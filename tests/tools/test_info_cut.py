@@ -8,6 +8,7 @@ from sequence_files import CAMERA, colour, depth, pose, write_redwood, write_sev
 
 from dsmap.classes import NYU40_TO_13
 from dsmap.sequences import SequenceWriter, open_sequence
+from dsmap.sequences.bodies import write_bodies
 from dsmap.sequences.mesh import LabelledMesh, write_mesh
 from dsmap.tools.cli import run
 
@@ -38,6 +39,17 @@ def test_info_warns_of_a_wrong_scale_and_names_gaps(tmp_path, capsys):
     printed = capsys.readouterr().out
     assert "the depth scale is probably wrong" in printed and "--depth-scale" in printed
     assert "1 longer than 3 median intervals: 1.00 s after 0.300" in printed
+
+
+def test_info_names_what_moves(tmp_path, capsys):
+    folder = write_tum(tmp_path / "s")
+    poses = np.tile(np.eye(4), (6, 1, 1, 1))
+    write_bodies(folder, np.arange(6) / 30, ["chair"], [3], poses)
+    assert run("info", [str(folder)]) == 0
+    assert "chair (instance 3, 6 poses)" in capsys.readouterr().out
+    (folder / "bodies.txt").write_text("0.0 chair three\n")
+    assert run("info", [str(folder)]) == 0
+    assert "warning: " in (printed := capsys.readouterr().out) and "bodies.txt:1" in printed
 
 
 def test_info_of_a_bad_folder_exits_with_2(tmp_path, capsys):

@@ -17,15 +17,17 @@ from dsmap.fusion.runs.newest_frame import NewestFrame
 from dsmap.fusion.runs.read_run import load_run
 from dsmap.sequences import open_sequence
 from dsmap.tools import cli
-from dsmap.tools.live.shown_map import CELL_M, Points, ShownMap
+from dsmap.tools.live.shown_map import SHOWN_CELL_M, ShownMap, ShownPoints
 from dsmap.tools.live.sources import Replay, open_source
 from dsmap.tools.twins.corner import INTRINSICS
 
 
-def points(count: int, seed: int = 0, spread: float = 1.0, label: int = 1) -> Points:
+def points(count: int, seed: int = 0, spread: float = 1.0, label: int = 1) -> ShownPoints:
     rng = np.random.default_rng(seed)
     position = rng.uniform(-spread, spread, (count, 3)).astype(np.float32)
-    return Points(position, rng.integers(0, 255, (count, 3), dtype=np.uint8), np.full(count, label, np.uint8))
+    return ShownPoints(
+        position, rng.integers(0, 255, (count, 3), dtype=np.uint8), np.full(count, label, np.uint8)
+    )
 
 
 def everything(shown: ShownMap) -> np.ndarray:
@@ -37,7 +39,7 @@ def test_a_cell_holds_its_newest_point():
     old, new = points(500), points(500, label=2)
     shown.add(old)
     shown.add(new)
-    keys = {tuple(k) for k in np.floor(old.position / CELL_M).astype(int).tolist()}
+    keys = {tuple(k) for k in np.floor(old.position / SHOWN_CELL_M).astype(int).tolist()}
     assert len(shown) == len(keys)
     assert all((part.label == 2).all() for part in shown.chunks.values())
 
@@ -63,7 +65,7 @@ def test_the_whole_map_replaces_what_is_gone():
     shown.add(points(2000))
     shown.take(10**9)
     kept = points(2000)
-    near = Points(*(a[kept.position[:, 0] < 0.3] for a in (kept.position, kept.colour, kept.label)))
+    near = ShownPoints(*(a[kept.position[:, 0] < 0.3] for a in (kept.position, kept.colour, kept.label)))
     shown.replace(near)
     assert (
         np.array_equal(np.unique(everything(shown), axis=0), np.unique(near.position, axis=0))
@@ -80,7 +82,7 @@ def test_the_whole_map_replaces_what_is_gone():
 def test_too_many_points_make_larger_cells():
     shown = ShownMap(most=2000)
     shown.add(points(20_000, spread=0.3))
-    assert len(shown) <= 2000 and shown.cell > CELL_M
+    assert len(shown) <= 2000 and shown.cell > SHOWN_CELL_M
     assert set(shown.changed) == set(shown.chunks)
 
 

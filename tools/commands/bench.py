@@ -91,7 +91,7 @@ def main(args: Args) -> int:
         report = {"setup": setup(request, sequence), "runs": results, "summary": summarise(results)}
         reports.append(report)
         print(tables(report))
-    written = reports[-1] | ({"scaling": scaling(reports)} if len(reports) > 1 else {})
+    written = reports[-1] | ({"scaling": _scaling(reports)} if len(reports) > 1 else {})
     write_json(args.out, written)
     if len(reports) > 1:
         print(scaling_table(written["scaling"]))
@@ -234,7 +234,7 @@ def tables(report: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def scaling(reports: list[dict[str, Any]]) -> list[dict[str, Any]]:
+def _scaling(reports: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """Speed by number of threads, with what it was reached with: a row a report."""
     rows = []
     for report in reports:
@@ -249,7 +249,7 @@ def scaling(reports: list[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def scaling_table(rows: list[dict[str, Any]]) -> str:
-    """The rows of `scaling` as text."""
+    """The rows of `_scaling` as text."""
     lines = ["", f"{'threads':>7} {'frames/s':>9} {'times the first':>16} {'ATE [cm]':>9} {'tracked':>9}"]
     for row in rows:
         ate = "-" if row["ate_rmse_m"] is None else f"{100 * row['ate_rmse_m']:.2f}"

@@ -12,7 +12,7 @@ from dsmap.plain import read_json
 from dsmap.ranges import Range, Seed
 from dsmap.tools.support.parse import parse_size
 
-PATHS = ("fast", "cover", "jump")
+_PATHS = ("fast", "cover", "jump")
 
 
 @dataclass
@@ -21,7 +21,7 @@ class Args:
 
     out: Path | None = None
     """Write every trial's score to this JSON file; trials that it already holds are not run again."""
-    paths: tuple[str, ...] = PATHS
+    paths: tuple[str, ...] = _PATHS
     """fast = turned at over 120 deg/s for half a second; cover = a second without depth and colour; jump = put
     down where it has been before."""
     trials: Annotated[int, Range(1, 100_000)] = 10
@@ -44,9 +44,9 @@ class Args:
 
 def main(args: Args) -> int:
     """Run the trials, print a line each and the totals; exit code 1 if a kind has fewer than 9 of 10 passed."""
-    unknown = [path for path in args.paths if path not in PATHS]
+    unknown = [path for path in args.paths if path not in _PATHS]
     if unknown:
-        raise InputError(f"unknown path {unknown[0]!r}; expected one of: {', '.join(PATHS)}")
+        raise InputError(f"unknown path {unknown[0]!r}; expected one of: {', '.join(_PATHS)}")
     done = _read(args.out)
     print(f"{'trial':<28} {'lost':>5} {'longest':>8} {'relocalised':>12} {'wrong':>6} {'worst':>8}")
     results: dict[str, Any] = {}

@@ -6,7 +6,7 @@ from typing import Literal
 
 import tyro
 
-from dsmap.fusion.exports.formats import FORMATS, Job, write
+from dsmap.fusion.exports.formats import FORMATS, ExportJob, write
 from dsmap.ranges import Every
 from dsmap.sequences import open_sequence
 
@@ -38,5 +38,5 @@ def main(args: Args) -> None:
     sequence = open_sequence(
         args.source, stride=args.stride, label_map=args.label_map, undistort=args.undistort
     )
-    job = Job(None, lambda: sequence, type=args.type if FORMATS[args.to].types else "")
+    job = ExportJob(None, lambda: sequence, type=args.type if FORMATS[args.to].types else "")
     print(f"{args.destination}: {write(args.to, job, args.destination)} as {args.to}")

@@ -133,7 +133,7 @@ def examine_kernels(device: str, failed: list[str]) -> dict[str, float | None]:
     return differences
 
 
-def room(frames: int) -> Iterator[Frame]:
+def _room(frames: int) -> Iterator[Frame]:
     """A slow arc through a ray-cast corner with a ball in it."""
     for i in range(frames):
         T = exp_se3(np.array([0.004 * i, 0.0012 * i, 0.0, 0.0, -0.0032 * i, 0.0]))
@@ -144,7 +144,7 @@ def room(frames: int) -> Iterator[Frame]:
 def mapped(device: str, frames: int) -> Mapper:
     """The room, mapped on a device."""
     mapper = Mapper(MapConfig(device=device, depth_max=6.0), corner.INTRINSICS)
-    for frame in room(frames):
+    for frame in _room(frames):
         mapper.step(frame)
     return mapper
 
@@ -154,7 +154,7 @@ def examine_mapping(device: str, frames: int, failed: list[str]) -> dict[str, An
     first, second = mapped("cpu", frames), mapped(device, frames)
     poses = [np.array([T for T in mapper.trajectory.poses]) for mapper in (first, second)]
     apart = np.linalg.norm(poses[0][:, :3, 3] - poses[1][:, :3, 3], axis=1)
-    truth = np.array([frame.T_world_camera for frame in room(frames)])[:, :3, 3]
+    truth = np.array([frame.T_world_camera for frame in _room(frames)])[:, :3, 3]
     off = np.linalg.norm(poses[1][:, :3, 3] - truth, axis=1)
     tracked = second.tracked_frames
     trajectory = {

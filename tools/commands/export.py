@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 import tyro
 
 from dsmap.errors import InputError
-from dsmap.fusion.exports.formats import FORMATS, Format, Job, write
+from dsmap.fusion.exports.formats import FORMATS, ExportJob, Format, write
 from dsmap.fusion.runs.read_run import load_run
 from dsmap.ranges import Every, Range
 from dsmap.tools.mapping.recording import recording_of
@@ -49,7 +49,7 @@ def main(args: Args) -> None:
     confidence = args.min_confidence
     if confidence is None:
         confidence = _OF_A_MESH * run.config.surfels.stable_weight if args.to == "mesh" else 0.0
-    job = Job(
+    job = ExportJob(
         run, lambda: recording_of(run, args.recording, undistort=True), kind, args.cell, args.stride,
         confidence, args.class_colours,
     )  # fmt: skip

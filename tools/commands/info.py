@@ -11,6 +11,7 @@ from dsmap.lens import model_of
 from dsmap.ranges import Scale
 from dsmap.sequences import Sequence, open_sequence
 from dsmap.sequences.associate import gaps
+from dsmap.sequences.bodies import read_bodies
 from dsmap.sequences.formats.protocol import Options
 from dsmap.sequences.pose_conventions import fit_poses
 from dsmap.tools.support.depth_check import depth_warnings, sample_depth
@@ -42,11 +43,12 @@ def main(args: Args) -> None:
         label_map=args.label_map, options=Options(args.color_topic, args.depth_topic),
     )  # fmt: skip
     depth = sample_depth(sequence)
-    rows = [*describe(sequence), *describe_depth(depth)]
+    moving, found = describe_moving(sequence)
+    rows = [*describe(sequence), *moving, *describe_depth(depth)]
     width = max(len(name) for name, _ in rows)
     for name, text in rows:
         print(f"{name:<{width}}  {text}")
-    found = [*depth_warnings(depth), *mirror_warnings(sequence), *_pose_warnings(sequence)]
+    found += [*depth_warnings(depth), *mirror_warnings(sequence), *_pose_warnings(sequence)]
     for note in sequence.notes:
         print(f"note: {note}")
     for warning in found:
@@ -79,6 +81,16 @@ def describe(sequence: Sequence) -> list[tuple[str, str]]:
         ("labels", f"{len(sequence.labelled())} frames" if sequence.has_labels else "none"),
         ("instances", f"{with_instances} frames" if with_instances else "none"),
     ]
+
+
+def describe_moving(sequence: Sequence) -> tuple[list[tuple[str, str]], list[str]]:
+    """What `bodies.txt` of a rendered recording says, and what is wrong with it; nothing where there is none."""
+    try:
+        bodies = read_bodies(sequence.path)
+    except InputError as error:
+        return [], [str(error)]
+    named = [f"{name} (instance {i}, {len(times)} poses)" for name, (i, times, _) in bodies.items()]
+    return [("moving things", ", ".join(named))] if named else [], []
 
 
 def describe_depth(depth: np.ndarray | InputError) -> list[tuple[str, str]]:

@@ -20,7 +20,7 @@ from dsmap.classes import VOID, colourise
 from dsmap.fusion.mapper import Mapper
 from dsmap.fusion.runs.map_live import Controls, Moment
 from dsmap.kernels.launch import step_aside
-from dsmap.tools.live.shown_map import CHUNK_M, Points, ShownMap
+from dsmap.tools.live.shown_map import CHUNK_M, ShownMap, ShownPoints
 from dsmap.tools.support.viewer import guarded_server
 
 UPDATE_S = 0.1
@@ -41,7 +41,7 @@ class _News:
     """What the mapper hands over."""
 
     moment: Moment
-    points: Points
+    points: ShownPoints
     whole: bool
     """These are all there are."""
     surfels: int
@@ -104,7 +104,8 @@ class LivePage:
         if now - self._image_at > _IMAGE_S:
             image, self._image_at = _beside_labels(mapper, moment.arrived.frame.rgb), now
         news = _News(
-            moment, Points.of(surfels, np.flatnonzero(kept)), whole, len(kept), image, mapper.up if whole else None,
+            moment, ShownPoints.of(surfels, np.flatnonzero(kept)), whole, len(kept), image,
+            mapper.up if whole else None,
             (2 * float(np.arctan(0.5 * k.height / k.fy)), k.width / k.height),
         )  # fmt: skip
         self._since, self._last = mapper.time, now

@@ -6,12 +6,12 @@ import numpy as np
 
 CHUNK_M = 0.64
 """Edge of a chunk [m]."""
-CELL_M = 0.01
+SHOWN_CELL_M = 0.01
 """Edge of a cell at first [m]; doubled whenever there are too many points."""
 
 
 @dataclass
-class Points:
+class ShownPoints:
     """Surfels, or what a page has of them; N rows each."""
 
     position: np.ndarray
@@ -24,18 +24,18 @@ class Points:
     def __len__(self) -> int:
         return len(self.label)
 
-    def rows(self, chosen: np.ndarray) -> "Points":
+    def rows(self, chosen: np.ndarray) -> "ShownPoints":
         """Some of the rows."""
-        return Points(self.position[chosen], self.colour[chosen], self.label[chosen])
+        return ShownPoints(self.position[chosen], self.colour[chosen], self.label[chosen])
 
     @staticmethod
-    def of(surfels: dict[str, np.ndarray], rows: np.ndarray) -> "Points":
+    def of(surfels: dict[str, np.ndarray], rows: np.ndarray) -> "ShownPoints":
         """Rows of the arrays of a SurfelMap, as copies."""
         rgb = np.rint(surfels["colour"][rows].clip(0, 1) * 255).astype(np.uint8)
-        return Points(surfels["position"][rows], rgb, surfels["label"][rows])
+        return ShownPoints(surfels["position"][rows], rgb, surfels["label"][rows])
 
 
-Chunk = tuple[int, int, int]
+ChunkKey = tuple[int, int, int]
 
 
 class ShownMap:
@@ -46,22 +46,22 @@ class ShownMap:
     """
 
     def __init__(self, most: int = 400_000):
-        self.most, self.cell = most, CELL_M
-        self.chunks: dict[Chunk, Points] = {}
-        self.changed: dict[Chunk, int] = {}
+        self.most, self.cell = most, SHOWN_CELL_M
+        self.chunks: dict[ChunkKey, ShownPoints] = {}
+        self.changed: dict[ChunkKey, int] = {}
         """Chunks that differ from what was taken of them last, and in how many points."""
 
     def __len__(self) -> int:
         return sum(map(len, self.chunks.values()))
 
-    def add(self, points: Points) -> None:
+    def add(self, points: ShownPoints) -> None:
         """Put surfels into their cells, in place of those that are there."""
         for chunk, rows in _by_chunk(points.position).items():
             self._merge(chunk, points.rows(rows))
         while len(self) > self.most:
             self._coarsen()
 
-    def replace(self, points: Points) -> None:
+    def replace(self, points: ShownPoints) -> None:
         """All surfels of the map, as they are now: what is no longer there goes."""
         before, self.chunks = self.chunks, {}
         changed = dict(self.changed)
@@ -72,9 +72,9 @@ class ShownMap:
             if old is None or new is None or not np.array_equal(old.position, new.position):
                 self.changed[chunk] = max(len(old or ()), len(new or ()))
 
-    def take(self, budget: int) -> list[tuple[Chunk, Points | None]]:
+    def take(self, budget: int) -> list[tuple[ChunkKey, ShownPoints | None]]:
         """The chunks that changed most, until they hold `budget` points (one at least); None: it is empty now."""
-        taken: list[tuple[Chunk, Points | None]] = []
+        taken: list[tuple[ChunkKey, ShownPoints | None]] = []
         for chunk in sorted(self.changed, key=lambda c: -self.changed[c]):
             if budget <= 0:
                 break
@@ -89,10 +89,10 @@ class ShownMap:
         for chunk, points in self.chunks.items():
             self.changed[chunk] = len(points)
 
-    def _merge(self, chunk: Chunk, points: Points) -> None:
+    def _merge(self, chunk: ChunkKey, points: ShownPoints) -> None:
         old = self.chunks.get(chunk)
         if old is not None:
-            points = Points(
+            points = ShownPoints(
                 np.concatenate([points.position, old.position]),
                 np.concatenate([points.colour, old.colour]),
                 np.concatenate([points.label, old.label]),
@@ -111,7 +111,7 @@ class ShownMap:
             self.changed[chunk] = len(first)
 
 
-def _by_chunk(position: np.ndarray) -> dict[Chunk, np.ndarray]:
+def _by_chunk(position: np.ndarray) -> dict[ChunkKey, np.ndarray]:
     """Rows of the points in each chunk."""
     if not len(position):
         return {}

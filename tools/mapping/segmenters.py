@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 import tyro
 
 from dsmap.errors import InputError
-from dsmap.fusion.labels.semantics import GroundTruthSegmenter, Noise
+from dsmap.fusion.labels.semantics import GroundTruthSegmenter, LabelNoise
 from dsmap.fusion.segmenter import Segmenter
 from dsmap.ranges import Seed, Share
 from dsmap.tools.support.user_code import made_by
@@ -24,7 +24,7 @@ class SegmenterSpec:
     (the paper's, small, colour alone)."""
     label_noise: Share = 0.0
     """Corrupt this share of the recording's own labels (a test of label fusion)."""
-    label_noise_kind: Noise = "pixels"
+    label_noise_kind: LabelNoise = "pixels"
     """How labels are corrupted: pixels: each alone; blobs: 20 px patches drawn anew a frame; confusion: chair becomes
     sofa."""
     seed: Seed = 0

@@ -10,7 +10,7 @@ from dsmap.errors import InputError
 from dsmap.frame import Frame, Intrinsics
 from dsmap.fusion.evaluate.timing import Timing, time_steps
 
-VOXEL_M = 3 / 512
+_VOXEL_M = 3 / 512
 BLOCK_RESOLUTION = 16
 BLOCK_COUNT = 40_000
 TRUNCATION_VOXELS = 8
@@ -47,7 +47,7 @@ def time_open3d(
     slam = o3d.t.pipelines.slam
     K = o3d.core.Tensor.from_numpy(intrinsics.K)
     pose = o3d.core.Tensor.from_numpy(np.eye(4))
-    model = slam.Model(VOXEL_M, BLOCK_RESOLUTION, BLOCK_COUNT, pose, device)
+    model = slam.Model(_VOXEL_M, BLOCK_RESOLUTION, BLOCK_COUNT, pose, device)
     current = slam.Frame(intrinsics.height, intrinsics.width, K, device)
     rendered = slam.Frame(intrinsics.height, intrinsics.width, K, device)
     images = [_images(o3d, frame, depth_scale) for frame in frames]

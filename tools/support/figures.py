@@ -7,13 +7,11 @@ from dataclasses import dataclass, field
 from importlib import resources
 from importlib.resources.abc import Traversable
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal
 
 from dsmap.config_file import fill
 from dsmap.errors import InputError
 from dsmap.plain import brief, read_json, read_yaml
-
-T = TypeVar("T")
 
 
 @dataclass

@@ -14,7 +14,7 @@ from dsmap.errors import InputError
 from dsmap.plain import brief, read_yaml
 from dsmap.ranges import as_flag, check_ranges
 
-OPTIONS = ("about", "places", "stages")
+_OPTIONS = ("about", "places", "stages")
 """Keys of a recipe that are no options of a stage."""
 
 
@@ -55,7 +55,7 @@ def load_recipe(name: str, places: tuple[str, ...] = ()) -> list[Stage]:
     if not isinstance(stated, dict):
         raise InputError(f"--recipe {name}: found places {brief(stated)}, expected names and paths")
     known = {**stated, **dict(place.split("=", 1) for place in places)}
-    common = {key: value for key, value in recipe.items() if key not in OPTIONS}
+    common = {key: value for key, value in recipe.items() if key not in _OPTIONS}
     result = []
     for number, stage in enumerate(stages, start=1):
         options = merged_values(common, stage)

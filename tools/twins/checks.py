@@ -82,13 +82,13 @@ def _bilateral(device: Any) -> float:
 
 def _frame(device: Any, T: np.ndarray | None = None) -> list[FrameMaps]:
     return preprocess.preprocess(
-        *corner.room(np.eye(4) if T is None else T), corner.LEVELS, wp.get_device(device)
+        *corner.room(np.eye(4) if T is None else T), corner.LEVEL_CAMERAS, wp.get_device(device)
     )
 
 
 def _surface(device: Any) -> float:
     maps = _frame(device)[0]
-    expected = images.surface(corner.LEVELS[0], maps.depth.numpy())
+    expected = images.surface(corner.LEVEL_CAMERAS[0], maps.depth.numpy())
     names = ("vertex", "normal", "radius", "edge")
     return max(_apart(getattr(maps, name), e) for name, e in zip(names, expected, strict=True))
 
@@ -117,38 +117,40 @@ def _joint(device: Any) -> float:
     second = _frame(device, exp_se3(np.array([0.02, -0.01, 0.015, 0.01, 0.02, -0.01])))[1]
     first = _frame(device)[0]
     view = ModelView(first.vertex, first.normal, first.intensity, 3, np.eye(4)).level(1)
-    gates = Tracker(TrackConfig(), corner.LEVELS)._gates(1)
+    gates = Tracker(TrackConfig(), corner.LEVEL_CAMERAS)._gates(1)
     T = exp_se3(np.array([0.01, 0.0, 0.005, 0.0, 0.01, 0.0]))
-    found = odometry.joint_normal_equations(corner.LEVELS[1], gates, second.surface, view)(T)
+    found = odometry.joint_normal_equations(corner.LEVEL_CAMERAS[1], gates, second.surface, view)(T)
     arrays = [
         [getattr(s, n).numpy().astype(np.float64) for n in ("vertex", "normal", "intensity")]
         for s in (second, view)
     ]
     arrays[1].append(view.gradient.numpy().astype(np.float64))
-    rows = images.joint_rows(corner.LEVELS[1], T, gates, *arrays)
+    rows = images.joint_rows(corner.LEVEL_CAMERAS[1], T, gates, *arrays)
     return max(_of_equations(got, r) for got, r in zip(found, rows, strict=True))
 
 
 def _rotation(device: Any) -> float:
     first, second = _frame(device)[2], _frame(device, exp_se3(np.array([0, 0, 0, 0.01, 0.03, -0.01])))[2]
     R, slope = exp_so3(np.array([0.0, 0.01, 0.0])), odometry.gradient(first.intensity)
-    found = odometry.rotation_normal_equations(corner.LEVELS[2], second.intensity, first.intensity, slope)(R)
+    found = odometry.rotation_normal_equations(
+        corner.LEVEL_CAMERAS[2], second.intensity, first.intensity, slope
+    )(R)
     arrays = [a.numpy() for a in (second.intensity, first.intensity, slope)]
-    return _of_equations(found, images.rotation_rows(corner.LEVELS[2], R, *arrays))
+    return _of_equations(found, images.rotation_rows(corner.LEVEL_CAMERAS[2], R, *arrays))
 
 
 def _shutter(device: Any) -> float:
-    maps = preprocess.preprocess(*corner.rolled(np.eye(4)), corner.LEVELS, wp.get_device(device))[0]
-    found = global_shutter(corner.LEVELS[0], maps, corner.TWIST, corner.READOUT)
+    maps = preprocess.preprocess(*corner.rolled(np.eye(4)), corner.LEVEL_CAMERAS, wp.get_device(device))[0]
+    found = global_shutter(corner.LEVEL_CAMERAS[0], maps, corner.TWIST, corner.READOUT)
     names = ("vertex", "normal", "intensity", "depth", "radius", "colour", "edge")
     before = {name: getattr(maps, name).numpy().astype(np.float64) for name in names}
-    expected = images.global_shutter(corner.LEVELS[0], before, corner.TWIST, corner.READOUT)
+    expected = images.global_shutter(corner.LEVEL_CAMERAS[0], before, corner.TWIST, corner.READOUT)
     return max(_apart(getattr(found, name), expected[name]) for name in names)
 
 
 def _associate(device: Any) -> float:
     T, arrays, _, m, match = _scene(device)
-    return _apart(match, surfels.associate(_rows(m), CAMERA, T, arrays))
+    return _apart(match, surfels.associate_surfels(_rows(m), CAMERA, T, arrays))
 
 
 def _fuse(device: Any) -> float:

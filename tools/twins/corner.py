@@ -11,7 +11,7 @@ from dsmap.kernels.camera import make_camera
 from dsmap.tools.twins import images as reference
 
 INTRINSICS = Intrinsics(96, 72, 90.0, 91.0, 47.2, 35.9)
-LEVELS = [make_camera(INTRINSICS.scaled(96 >> level, 72 >> level)) for level in range(3)]
+LEVEL_CAMERAS = [make_camera(INTRINSICS.scaled(96 >> level, 72 >> level)) for level in range(3)]
 READOUT = 0.026
 """Of a rolling shutter [s]."""
 TWIST = np.array([0.3, -0.4, 0.2, 0.5, 0.9, -0.4])
@@ -21,7 +21,7 @@ _PLANES = [((0, 0, -1), -2.5), ((1, 0, -0.3), -1.6), ((0, -1, -0.2), -1.7)]
 
 def view(T_world_camera: np.ndarray, ball: bool = False) -> tuple[np.ndarray, np.ndarray]:
     """Colour, uint8, and depth [m], float32, from there."""
-    direction = reference.rays(LEVELS[0]) @ T_world_camera[:3, :3].T
+    direction = reference.rays(LEVEL_CAMERAS[0]) @ T_world_camera[:3, :3].T
     origin = T_world_camera[:3, 3]
     depth = np.full(direction.shape[:2], np.inf)
     for normal, offset in _PLANES:
@@ -56,7 +56,7 @@ def distance(points: np.ndarray) -> np.ndarray:
 
 def rolled(T_world_camera: np.ndarray, twist: np.ndarray = TWIST) -> tuple[np.ndarray, np.ndarray]:
     """Colour and depth of the corner, each row from where the camera is when it is read."""
-    height = LEVELS[0].height
+    height = LEVEL_CAMERAS[0].height
     times = (np.arange(height) / (height - 1) - 0.5) * READOUT
     views = [view(T_world_camera @ exp_se3(twist * t)) for t in times]
     rgb, depth = (np.stack([view[k][row] for row, view in enumerate(views)]) for k in (0, 1))

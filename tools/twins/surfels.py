@@ -133,7 +133,9 @@ def predict_model(s, camera, T, index) -> dict[str, np.ndarray]:
     return maps
 
 
-def associate(s, camera, T, frame, *, max_ray_distance=0.05, max_ray_distance_z2=0.0, max_angle=0.5, t_min=0):
+def associate_surfels(
+    s, camera, T, frame, *, max_ray_distance=0.05, max_ray_distance_z2=0.0, max_angle=0.5, t_min=0
+):
     """Match map, int, shape (H, W); `frame` holds NumPy maps by their FrameMaps name."""
     position, normal = into_camera(T, s)
     best: dict[tuple[int, int], tuple[bool, float, int]] = {}

@@ -8,8 +8,9 @@ import numpy as np
 from dsmap.errors import InputError
 from dsmap.files import atomic_path
 from dsmap.sequences.associate import pose_matrix, pose_vector
+from dsmap.sequences.text import read_lines
 
-FILE = "bodies.txt"
+BODIES_FILE = "bodies.txt"
 _HEADER = (
     "# body-to-world poses of what moves; a body's frame lies still in it, its parts have this instance id\n"
     "# timestamp body instance tx ty tz qx qy qz qw\n"
@@ -30,7 +31,7 @@ def write_bodies(
         names, instances: of the bodies; several bodies may be parts of one instance.
         T_world_body: shape (N, bodies, 4, 4).
     """
-    with atomic_path(Path(folder) / FILE) as path, open(path, "w") as file:
+    with atomic_path(Path(folder) / BODIES_FILE) as path, open(path, "w") as file:
         file.write(_HEADER)
         for time, poses in zip(times, T_world_body, strict=True):
             for name, instance, pose in zip(names, instances, poses, strict=True):
@@ -44,15 +45,13 @@ def read_bodies(folder: Path | str) -> dict[str, tuple[int, np.ndarray, np.ndarr
     Raises:
         InputError: a line is not of the form above.
     """
-    path = Path(folder) / FILE
+    path = Path(folder) / BODIES_FILE
     if not path.exists():
         return {}
     found: dict[str, tuple[int, list[float], list[np.ndarray]]] = {}
-    for number, line in enumerate(path.read_text().splitlines(), 1):
-        if not line.strip() or line.startswith("#"):
-            continue
+    for line in read_lines(path):
         try:
-            time, name, instance, *numbers = line.split()
+            time, name, instance, *numbers = line.text.split()
             if len(numbers) != 7:
                 raise ValueError(f"{len(numbers)} numbers")
             _, times, poses = found.setdefault(name, (int(instance), [], []))
@@ -60,6 +59,7 @@ def read_bodies(folder: Path | str) -> dict[str, tuple[int, np.ndarray, np.ndarr
             times.append(float(time))
         except ValueError as error:
             raise InputError(
-                f"{path}:{number}: found {line!r} ({error}); expected 'time body instance x y z qx qy qz qw'"
+                f"{path}:{line.number}: found {line.text!r} ({error}); "
+                "expected 'time body instance x y z qx qy qz qw'"
             ) from error
     return {name: (i, np.array(times), np.array(poses)) for name, (i, times, poses) in found.items()}

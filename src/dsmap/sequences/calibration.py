@@ -11,11 +11,11 @@ import numpy as np
 from dsmap.errors import InputError
 from dsmap.files import write_yaml
 from dsmap.frame import Intrinsics
-from dsmap.lens import MODELS, NAMES, coefficients, model_named, model_of
+from dsmap.lens import LENS_NAMES, MODELS, coefficients, model_named, model_of
 from dsmap.plain import brief, read_yaml
 from dsmap.sequences.calibration_checks import check_camera, check_depth_scale, check_extras, check_keys
 
-FILE = "calibration.yaml"
+CALIBRATION_FILE = "calibration.yaml"
 _CAMERA_KEYS = ("width", "height", "fx", "fy", "cx", "cy")
 _KEYS = (
     *_CAMERA_KEYS, "pixel_center", "depth_scale", "distortion", "depth_time_offset_s", "readout_s",
@@ -90,7 +90,7 @@ def read_calibration(folder: Path) -> Calibration | None:
     Raises:
         InputError: the file is damaged, a key is unknown, or a value is missing, not a number or out of range.
     """
-    path = folder / FILE
+    path = folder / CALIBRATION_FILE
     if not os.path.lexists(path):
         return None
     content = read_yaml(path)
@@ -102,7 +102,7 @@ def read_calibration(folder: Path) -> Calibration | None:
     calibration = Calibration(
         replace(_camera(path, content, shift), distortion=_distortion(path, content.get("distortion"))),
         depth_scale=_number(path, content, "depth_scale", positive=True),
-        source=FILE,
+        source=CALIBRATION_FILE,
         pixel_center=center,
         depth_time_offset_s=_number(path, content, "depth_time_offset_s", default=0.0),
         T_color_depth=_transform(path, content.get("T_color_depth")),
@@ -152,7 +152,7 @@ def write_calibration(folder: Path, calibration: Calibration) -> None:
         }
     if calibration.depth_max is not None:
         content["depth_max"] = float(calibration.depth_max)
-    write_yaml(folder / FILE, content)
+    write_yaml(folder / CALIBRATION_FILE, content)
 
 
 def known_default(layout: str, path: Path, width: int, height: int) -> Calibration | None:
@@ -204,7 +204,7 @@ def resolve(
             for flag, value in (("--intrinsics fx,fy,cx,cy", intrinsics), ("--depth-scale", depth_scale))
             if value is None
         ]
-        file = (path if path.is_dir() else path.parent) / FILE
+        file = (path if path.is_dir() else path.parent) / CALIBRATION_FILE
         raise InputError(
             f"{path}: no camera calibration; write {file} (width, height, fx, fy, cx, cy, "
             f"depth_scale) or give {' and '.join(missing)}"
@@ -252,7 +252,7 @@ def _distortion(path: Path, content: Any) -> tuple[float, ...] | None:
     if content is None:
         return None
     name = content.get("model", "radtan") if isinstance(content, dict) else None
-    if not isinstance(name, str) or name.lower() not in NAMES:
+    if not isinstance(name, str) or name.lower() not in LENS_NAMES:
         raise InputError(
             f"{path}: found distortion {brief(content)}, expected {{model: radtan, k1, k2, p1, p2, k3}} or another "
             f"model: {', '.join(MODELS)}, pinhole"

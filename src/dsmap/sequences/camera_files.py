@@ -12,7 +12,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from dsmap.errors import InputError
-from dsmap.lens import NAMES
+from dsmap.lens import LENS_NAMES
 from dsmap.plain import parse_json, parse_yaml
 from dsmap.reading import DECODER_ERRORS
 from dsmap.sequences.text import COMMENTS, read_text
@@ -260,7 +260,7 @@ def _in_content(content: Any, is_by_columns: bool = False, scale: float | None =
     scale = _scale(own) or scale
     stated = next(_stated(own, is_by_columns), None)
     if stated is not None:
-        model = next((str(own[k]) for k in _MODEL if str(own.get(k, "")).lower() in NAMES), "radtan")
+        model = next((str(own[k]) for k in _MODEL if str(own.get(k, "")).lower() in LENS_NAMES), "radtan")
         return _checked(*stated, size=_size(own), distortion=_distortion(own), scale=scale, model=model)
     return _first([value for _, value in _by_camera(own.items())], is_by_columns, scale)
 

@@ -16,7 +16,7 @@ from dsmap.sequences.base import Sequence
 from dsmap.sequences.calibration import write_calibration
 from dsmap.sequences.images import Packed, Source, encoded
 from dsmap.sequences.lists import read_image_list
-from dsmap.sequences.mesh import FILE as MESH
+from dsmap.sequences.mesh import MESH_FILE as MESH
 from dsmap.sequences.pose_lists import read_poses
 from dsmap.sequences.writer import LISTS
 
@@ -103,13 +103,13 @@ def _check_inside(folder: Path, files: list[Path]) -> None:
             )
 
 
-Rows = list[tuple[float, Source]]
+ListedImages = list[tuple[float, Source]]
 Poses = list[tuple[float, np.ndarray]]
 
 
-def _tum_content(sequence: Sequence) -> tuple[dict[str, Rows], Poses, float]:
+def _tum_content(sequence: Sequence) -> tuple[dict[str, ListedImages], Poses, float]:
     folder = sequence.path
-    images: dict[str, Rows] = {}
+    images: dict[str, ListedImages] = {}
     for name in ("rgb", "depth", "instance"):
         if (folder / f"{name}.txt").exists():
             found = read_image_list(folder / f"{name}.txt", [])
@@ -122,9 +122,9 @@ def _tum_content(sequence: Sequence) -> tuple[dict[str, Rows], Poses, float]:
     return images, poses, images["rgb"][0][0]
 
 
-def _pair_content(sequence: Sequence) -> tuple[dict[str, Rows], Poses, float]:
+def _pair_content(sequence: Sequence) -> tuple[dict[str, ListedImages], Poses, float]:
     entries = sequence.entries
-    images: dict[str, Rows] = {
+    images: dict[str, ListedImages] = {
         "rgb": [(e.time, e.rgb) for e in entries],
         "depth": [(e.time, e.depth) for e in entries],
         "label": _labels(sequence),
@@ -133,7 +133,7 @@ def _pair_content(sequence: Sequence) -> tuple[dict[str, Rows], Poses, float]:
     return images, poses, entries[0].time
 
 
-def _labels(sequence: Sequence) -> Rows:
+def _labels(sequence: Sequence) -> ListedImages:
     """Label images of the frames: files of the 13 classes as they are, those of another set as these classes."""
     labelled = [(e.time, e.label) for e in sequence.entries if e.label is not None]
     if sequence.recording.label_map.name is None:
@@ -142,7 +142,7 @@ def _labels(sequence: Sequence) -> Rows:
     return [(t, Packed(sequence.path, str(label), partial(read, label))) for t, label in labelled]
 
 
-def _copied(destination: Path, name: str, rows: Rows) -> list[str]:
+def _copied(destination: Path, name: str, rows: ListedImages) -> list[str]:
     """Copy the images of one kind and return the lines of their list."""
     lines: list[str] = []
     taken: Counter[str] = Counter()

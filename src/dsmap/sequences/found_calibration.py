@@ -9,7 +9,7 @@ import numpy as np
 from dsmap.errors import InputError
 from dsmap.frame import Intrinsics
 from dsmap.lens import coefficients
-from dsmap.sequences.calibration import FILE, Calibration, known_default
+from dsmap.sequences.calibration import CALIBRATION_FILE, Calibration, known_default
 from dsmap.sequences.calibration_checks import check_camera
 from dsmap.sequences.camera_files import FileCamera, camera_in
 from dsmap.sequences.formats.bundlefusion import read_info
@@ -129,11 +129,12 @@ def with_depth_of(
     if calibration.color_camera is not None or abs(w * height / (h * width) - 1) > _SAME_ASPECT:
         raise InputError(
             f"{where}: found depth images of {w}x{h}, expected {camera.width}x{camera.height} as the camera of "
-            f"{calibration.source} has; a depth camera of its own is stated in {FILE} (T_color_depth, color_camera)"
+            f"{calibration.source} has; a depth camera of its own is stated in {CALIBRATION_FILE} "
+            "(T_color_depth, color_camera)"
         )
     notes.append(
-        f"assumed: depth of {w}x{h} sees what colour of {width}x{height} sees; {FILE} states two cameras where it "
-        "does not (T_color_depth, color_camera)"
+        f"assumed: depth of {w}x{h} sees what colour of {width}x{height} sees; {CALIBRATION_FILE} states two "
+        "cameras where it does not (T_color_depth, color_camera)"
     )
     frame = replace(camera, distortion=None).scaled(w, h)
     return replace(calibration, intrinsics=frame, color_camera=camera)
@@ -156,7 +157,9 @@ def _candidates(folder: Path) -> Iterator[Path]:
         # of the colour camera, and of none before the depth camera
         yield from sorted(named, key=lambda f: ("color" not in f.name, "depth" in f.name, f.name))[:1]
     rest = [
-        f for f in files if f.name.lower() not in (*_JSON, *_TEXT) and f.name.lower() not in (FILE, *_INFO)
+        f
+        for f in files
+        if f.name.lower() not in (*_JSON, *_TEXT) and f.name.lower() not in (CALIBRATION_FILE, *_INFO)
     ]
     yield from [f for f in rest if f.suffix.lower() in _ANY_NAME or _says_camera(f)][:_MAX_LOOKED_AT]
 
@@ -248,7 +251,7 @@ def check_assumed(layout: str, folder: Path, size: tuple[int, int], notes: list[
     if abs(width * 3 / (height * 4) - 1) > _SAME_ASPECT:
         raise InputError(
             f"{folder}: found images of {width}x{height} and no file that states their camera, which is not "
-            f"{names[layout]}; write {folder / FILE} (width, height, fx, fy, cx, cy, depth_scale) or give "
+            f"{names[layout]}; write {folder / CALIBRATION_FILE} (width, height, fx, fy, cx, cy, depth_scale) or give "
             "--intrinsics fx,fy,cx,cy and --depth-scale"
         )
     if layout != "tum":

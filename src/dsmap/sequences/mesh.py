@@ -11,7 +11,7 @@ from dsmap.files import atomic_path
 from dsmap.limits import MAX_MESH_BYTES
 from dsmap.reading import read_bytes
 
-FILE = "mesh.ply"
+MESH_FILE = "mesh.ply"
 _INDICES = "vertex_indices"
 _VERTEX = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4")])
 _FACE = np.dtype(

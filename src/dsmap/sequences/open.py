@@ -10,7 +10,7 @@ from dsmap.errors import InputError
 from dsmap.reading import check_plain, reading
 from dsmap.sequences.base import Entry, Recording, Sequence
 from dsmap.sequences.calibration import (
-    FILE,
+    CALIBRATION_FILE,
     Calibration,
     check_calibration,
     known_default,
@@ -110,11 +110,11 @@ def _calibrated(
     if stored is None:
         stored = _stated_or_assumed(recording, found, depth_size, intrinsics is not None)
     calibration = resolve(recording.layout, folder, found, stored, intrinsics, depth_scale)
-    if calibration.source != FILE:
+    if calibration.source != CALIBRATION_FILE:
         check_calibration(f"{folder}, {calibration.source}", calibration)
     stored_size = (calibration.stored_colour.width, calibration.stored_colour.height)
     calibration = with_depth_of(calibration, stored_size, depth_size, folder, recording.notes)
-    if depth_scale is None and recording.calibration is None and calibration.source != FILE:
+    if depth_scale is None and recording.calibration is None and calibration.source != CALIBRATION_FILE:
         calibration = _in_metres(calibration, samples, recording.notes)
         if recording.layout in _FOLDERS and calibration.depth_scale == _MILLIMETRES and is_turned(samples):
             recording.notes.append(
@@ -281,7 +281,11 @@ def _image_size(recording: Recording, stored: Calibration | None) -> tuple[int, 
         return max(sizes, key=sizes.count)
     camera = stored.stored_colour
     if (camera.width, camera.height) not in sizes:
-        said = recording.path / FILE if stored.source == FILE else f"{recording.path}, {stored.source}"
+        said = (
+            recording.path / CALIBRATION_FILE
+            if stored.source == CALIBRATION_FILE
+            else f"{recording.path}, {stored.source}"
+        )
         raise InputError(
             f"{said}: found width and height {camera.width}x{camera.height}, "
             f"expected {sizes[0][0]}x{sizes[0][1]} as the images have"

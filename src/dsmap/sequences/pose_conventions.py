@@ -21,7 +21,7 @@ _AXES = {
     "ros": np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]]),
 }
 """T_file_camera: from dsmap's camera axes to the file's (OpenGL: y up, z backward; ROS body: x forward, z up)."""
-NAMES = (STANDARD, *_DIRECTION, *_AXES, *_QUATERNION, *_UNIT)
+_NAMES = (STANDARD, *_DIRECTION, *_AXES, *_QUATERNION, *_UNIT)
 """Everything that `--pose-convention` knows; several are joined by commas."""
 
 _GAPS = (1, 2, 4, 8, 16, 32)
@@ -74,9 +74,9 @@ def parse_convention(text: str) -> tuple[str, ...]:
     """
     names = tuple(name for name in text.lower().replace("+", ",").replace(" ", "").split(",") if name)
     for name in names:
-        if name not in NAMES:
+        if name not in _NAMES:
             raise InputError(
-                f"--pose-convention: found {name!r}, expected names out of {', '.join(NAMES)}, joined by commas"
+                f"--pose-convention: found {name!r}, expected names out of {', '.join(_NAMES)}, joined by commas"
             )
     for group in (_UNIT, _AXES, (STANDARD, *_DIRECTION)):
         if sum(name in group for name in names) > 1:

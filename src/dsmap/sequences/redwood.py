@@ -22,7 +22,7 @@ from dsmap.sequences.names import (
 )
 from dsmap.sequences.seven_scenes import is_rigid
 from dsmap.sequences.text import read_text
-from dsmap.sequences.tum import paired, poses_of
+from dsmap.sequences.tum import listed_poses, paired
 
 _LAYOUT_OF_RGB = "folders"
 """Of `rgb/` beside `depth/`: no camera is the usual one there."""
@@ -73,7 +73,7 @@ def read_redwood(folder: Path, depth_time_offset_s: float = 0.0) -> Recording:
     elif poses:
         pairs.notes.append(f"poses are not used: trajectory.log holds {len(poses)} for {len(given)} frames")
     else:
-        given = poses_of(folder / "groundtruth.txt", pairs.depth_times, pairs.notes)
+        given = listed_poses(folder / "groundtruth.txt", pairs.depth_times, pairs.notes)
     entries = [
         Entry(
             k, float(pairs.times[k]), pairs.colour[k], pairs.depth[k], T_world_camera=given[k],

@@ -9,10 +9,9 @@ from dsmap.errors import InputError
 from dsmap.frame import orthonormal
 from dsmap.sequences.base import Entry, Recording
 from dsmap.sequences.images import IMAGE_SUFFIXES
+from dsmap.sequences.stamps import FRAME_RATE
 from dsmap.sequences.text import read_matrix
 
-FRAME_RATE = 30.0
-"""7-Scenes and Redwood store no stamps; both were taken at 30 Hz."""
 _SUFFIXES = "|".join(suffix.lstrip(".") for suffix in IMAGE_SUFFIXES)
 _FARTHEST_M = 1e7
 """No camera is further from where it began, not even in millimetres."""

@@ -6,7 +6,7 @@ from decimal import Decimal, InvalidOperation
 import numpy as np
 
 FRAME_RATE = 30.0
-"""Frames that are only numbered were most likely taken at this rate [1/s]."""
+"""Frames that are only numbered were most likely taken at this rate [1/s]: those of 7-Scenes and Redwood were."""
 _EPOCH = (
     ("nanoseconds", 1e17, 1e-9),
     ("microseconds", 1e14, 1e-6),

@@ -46,7 +46,7 @@ def paired(
         )
     times = rgb.times[[i for i, _ in pairs]]
     exposed = depth_times[[j for _, j in pairs]]
-    poses = poses_of(folder / "groundtruth.txt", exposed, notes)
+    poses = listed_poses(folder / "groundtruth.txt", exposed, notes)
     labels = _optional(folder / "label.txt", times, notes)
     instances = _optional(folder / "instance.txt", times, notes)
     entries = [
@@ -65,7 +65,7 @@ def paired(
     return Recording(layout, folder, entries, len(rgb.times), len(depth_times), notes)
 
 
-def poses_of(path: Path, times: np.ndarray, notes: list[str]) -> list[np.ndarray | None]:
+def listed_poses(path: Path, times: np.ndarray, notes: list[str]) -> list[np.ndarray | None]:
     """Poses of a list at some stamps; none, and a note, where the list cannot be read."""
     if not path.exists():
         return [None] * len(times)

@@ -13,7 +13,7 @@ from dsmap.errors import InputError
 from dsmap.files import atomic_path
 from dsmap.frame import Intrinsics
 from dsmap.sequences.associate import pose_vector
-from dsmap.sequences.calibration import FILE, Calibration, write_calibration
+from dsmap.sequences.calibration import CALIBRATION_FILE, Calibration, write_calibration
 from dsmap.sequences.images import SATURATED
 
 LISTS = {
@@ -71,7 +71,7 @@ class SequenceWriter:
         calibration = Calibration(
             intrinsics,
             self.depth_scale,
-            FILE,
+            CALIBRATION_FILE,
             depth_time_offset_s=depth_time_offset_s,
             readout_s=readout_s,
             depth_max=depth_max,
@@ -172,5 +172,5 @@ def remove_sequence(folder: Path) -> None:
         (folder / f"{name}.txt").unlink(missing_ok=True)
         if name != "groundtruth":
             shutil.rmtree(folder / name, ignore_errors=True)
-    for name in (FILE, "classes.json", "mesh.ply", "bodies.txt"):
+    for name in (CALIBRATION_FILE, "classes.json", "mesh.ply", "bodies.txt"):
         (folder / name).unlink(missing_ok=True)

@@ -127,7 +127,7 @@ def rigid(T: np.ndarray | None) -> np.ndarray | None:
     return orthonormal(T)
 
 
-def read_matrix(path: Path, rows: int = 4, columns: int = 4) -> np.ndarray | None:
+def read_matrix_of(path: Path, rows: int = 4, columns: int = 4) -> np.ndarray | None:
     """A matrix of numbers in a text file, float64; None where there is none of this shape."""
     values = numbers_of(path)
     return values.reshape(rows, columns) if values is not None and values.size == rows * columns else None

@@ -12,7 +12,7 @@ from dsmap.sequences.calibration import Calibration
 from dsmap.sequences.formats.bag import Bag, Topic, bag_files, is_bag
 from dsmap.sequences.formats.parts import same_size, two_cameras
 from dsmap.sequences.formats.protocol import Options, Reader
-from dsmap.sequences.formats.ros import Stream, camera_of, choose_streams, read_streams
+from dsmap.sequences.formats.ros import Stream, choose_streams, read_streams, topic_camera
 
 _UNITS = re.compile(r"/device_\d+/sensor_\d+/(?:option|property)/Depth[ _]Units(?:/value)?")
 _DEFAULT_UNITS_M = 0.001
@@ -54,7 +54,7 @@ READER = Reader("realsense", is_realsense, _read)
 
 
 def _calibration(bag: Bag, colour: Stream, depth: Stream, scale: float, notes: list[str]) -> Calibration:
-    of_colour, of_depth = (camera_of(bag, stream.topic, notes) for stream in (colour, depth))
+    of_colour, of_depth = (topic_camera(bag, stream.topic, notes) for stream in (colour, depth))
     if of_colour is None or of_depth is None:
         raise InputError(
             f"{bag.path}: found no camera_info beside the images, expected one for colour and depth"

@@ -17,7 +17,7 @@ from dsmap.sequences.formats.parts import Stamped, recording_by_stamp, same_size
 from dsmap.sequences.formats.protocol import Options, Reader
 from dsmap.sequences.formats.ros_image import depth_units, kind, pixels
 from dsmap.sequences.formats.ros_poses import with_pose_topic
-from dsmap.sequences.formats.ros_tf import Frames
+from dsmap.sequences.formats.ros_tf import FrameTree
 from dsmap.sequences.images import Packed
 
 _IMAGES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
@@ -42,7 +42,7 @@ class Stream:
 def _read(path: Path, options: Options) -> Recording:
     bag = Bag(path)
     colour, depth, notes = choose_streams(bag, options)
-    frames = Frames(bag)
+    frames = FrameTree(bag)
     calibration = _calibration(bag, colour, depth, frames, notes)
     recording = read_streams("ros", bag, colour, depth, calibration, notes)
     frame_id = colour.frame_id if calibration is None or calibration.color_camera is None else depth.frame_id
@@ -106,7 +106,7 @@ def _packed(bag: Bag, topic: Topic, stamp: Stamp) -> Packed:
     return Packed(bag.path, f"{topic.name} at {stamp.time:.6f} s", partial(_pixels, bag, topic, stamp))
 
 
-def camera_of(bag: Bag, topic: Topic, notes: list[str]) -> tuple[Intrinsics, str] | None:
+def topic_camera(bag: Bag, topic: Topic, notes: list[str]) -> tuple[Intrinsics, str] | None:
     """The camera of an image topic and the name of the CameraInfo topic that says so."""
     infos = bag.of_type(_CAMERA_INFO)
     if not infos:
@@ -190,9 +190,9 @@ def _shared_segments(info: str, topic: str) -> int:
 
 
 def _calibration(
-    bag: Bag, colour: Stream, depth: Stream, frames: Frames, notes: list[str]
+    bag: Bag, colour: Stream, depth: Stream, frames: FrameTree, notes: list[str]
 ) -> Calibration | None:
-    of_colour, of_depth = (camera_of(bag, stream.topic, notes) for stream in (colour, depth))
+    of_colour, of_depth = (topic_camera(bag, stream.topic, notes) for stream in (colour, depth))
     found = of_colour or of_depth
     if found is None:
         return None

@@ -9,7 +9,7 @@ import numpy as np
 from dsmap.sequences.associate import poses_at
 from dsmap.sequences.base import Recording
 from dsmap.sequences.formats.bag import Bag, Topic
-from dsmap.sequences.formats.ros_tf import Frames
+from dsmap.sequences.formats.ros_tf import FrameTree
 
 _TYPES = (
     "nav_msgs/msg/Odometry", "geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/PoseWithCovarianceStamped",
@@ -20,7 +20,7 @@ _APART_S = 0.1
 """A pose is interpolated between messages this close to its stamp [s]."""
 
 
-def with_pose_topic(bag: Bag, frames: Frames, recording: Recording, camera: str) -> Recording:
+def with_pose_topic(bag: Bag, frames: FrameTree, recording: Recording, camera: str) -> Recording:
     """The recording with the poses of the topic that has the most of them, where there is one.
 
     Odometry names the frame that it moves; where that hangs on the camera, the camera's pose follows. Other messages

@@ -32,7 +32,7 @@ class _Link:
         return self.is_static or float(np.ptp(np.array(self.poses), axis=0).max()) < 1e-6
 
 
-class Frames:
+class FrameTree:
     """The tree of frames of /tf and /tf_static."""
 
     def __init__(self, bag: Bag):

@@ -9,7 +9,13 @@ from dsmap.classes import NYU40_TO_13
 from dsmap.frame import Intrinsics
 from dsmap.sequences.base import Recording
 from dsmap.sequences.calibration import Calibration
-from dsmap.sequences.formats.parts import numbered, read_matrix, recording_by_number, seen_from, two_cameras
+from dsmap.sequences.formats.parts import (
+    numbered,
+    read_matrix_of,
+    recording_by_number,
+    seen_from,
+    two_cameras,
+)
 from dsmap.sequences.formats.protocol import Options, Reader
 from dsmap.sequences.images import Packed, Source, image_size, read_ids
 from dsmap.sequences.label_sets import SCANNET_LABEL_MAP, classes_of, scannet_table
@@ -27,7 +33,7 @@ def _detect(path: Path) -> bool:
 
 def _read(path: Path, _options: Options) -> Recording:
     colour, depth = numbered(path / "color", _IMAGE), numbered(path / "depth", _IMAGE)
-    poses = {n: read_matrix(file) for n, file in numbered(path / "pose", r"(\d+)\.txt").items()}
+    poses = {n: read_matrix_of(file) for n, file in numbered(path / "pose", r"(\d+)\.txt").items()}
     calibration = _calibration(path, colour, depth)
     notes: list[str] = []
     return recording_by_number(
@@ -42,7 +48,7 @@ READER = Reader("scannet", _detect, _read)
 def _matrix_of(path: Path, name: str) -> np.ndarray | None:
     """K of a camera, (4, 4); the 25k frames have the file in the scene's folder."""
     files = (path / "intrinsic" / f"intrinsic_{name}.txt", path / f"intrinsics_{name}.txt")
-    return next((K for file in files if (K := read_matrix(file)) is not None), None)
+    return next((K for file in files if (K := read_matrix_of(file)) is not None), None)
 
 
 def _calibration(path: Path, colour: dict[int, Path], depth: dict[int, Path]) -> Calibration | None:
@@ -53,7 +59,7 @@ def _calibration(path: Path, colour: dict[int, Path], depth: dict[int, Path]) ->
         if K is None or size is None:
             return None
         cameras.append(Intrinsics(*size, K[0, 0], K[1, 1], K[0, 2], K[1, 2]))
-    extrinsics = [read_matrix(path / "intrinsic" / f"extrinsic_{name}.txt") for name in ("color", "depth")]
+    extrinsics = [read_matrix_of(path / "intrinsic" / f"extrinsic_{name}.txt") for name in ("color", "depth")]
     T_color, T_depth = (np.eye(4) if T is None or not np.linalg.det(T) else T for T in extrinsics)
     if (cameras[0].width, cameras[0].height) == (cameras[1].width, cameras[1].height):
         return Calibration(

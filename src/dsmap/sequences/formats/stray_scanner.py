@@ -14,7 +14,7 @@ from dsmap.sequences.formats.film import Film
 from dsmap.sequences.formats.parts import (
     confident,
     numbered,
-    read_matrix,
+    read_matrix_of,
     recording_by_number,
     two_cameras,
 )
@@ -46,7 +46,7 @@ def _read(path: Path, _options: Options) -> Recording:
         n: Packed(path, f"depth/{file.name}", partial(_depth, file, sure.get(n))) for n, file in files.items()
     }
     notes = [] if len(colour) == len(files) else [f"the film has {len(colour)} frames, depth/ {len(files)}"]
-    K = read_matrix(path / _CAMERA, 3, 3)
+    K = read_matrix_of(path / _CAMERA, 3, 3)
     if K is None:
         raise InputError(f"{path / _CAMERA}: found no 3x3 matrix, expected the camera's")
     camera = Intrinsics(width, height, K[0, 0], K[1, 1], K[0, 2], K[1, 2])

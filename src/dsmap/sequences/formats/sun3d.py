@@ -12,7 +12,7 @@ from dsmap.sequences.calibration import Calibration
 from dsmap.sequences.formats.parts import (
     Stamped,
     camera_from,
-    read_matrix,
+    read_matrix_of,
     recording_by_stamp,
     rigid,
 )
@@ -40,7 +40,7 @@ def _read(path: Path, _options: Options) -> Recording:
         depth = [Stamped(s.time, packed(s.image)) for s in depth]
     else:
         notes.append("depth is in plain millimetres, not turned by three bits")
-    K, size = read_matrix(path / "intrinsics.txt", 3, 3), None
+    K, size = read_matrix_of(path / "intrinsics.txt", 3, 3), None
     if colour and isinstance(colour[0].image, Path):
         size = image_size(colour[0].image)
     calibration = (

@@ -1,0 +1,56 @@
+"""No name stands for two things: what a module offers under a name, no other module offers under the same one."""
+
+import ast
+from collections import defaultdict
+from pathlib import Path
+
+REPOSITORY = Path(__file__).resolve().parents[1]
+FOLDERS = ("kernels", "dsnet", "fusion", "sim_scenes", "tools", "src/dsmap")
+SAME_ROLE = {
+    "Args": "the options of each command",
+    "main": "the entry of each command",
+    "READER": "the reader of each format",
+    "WRITERS": "the kinds of file of each export",
+    "SETTINGS": "the trials of each experiment",
+    "TILED": "the tileable textures of each file, joined by the palette",
+    "RANGE_M": "the range of each depth sensor",
+    "axial_sigma": "the depth error of each sensor",
+    "connect": "the first call to each live camera",
+    "INTRINSICS": "the camera of each scene of the twins",
+}
+"""Names that several modules offer because they play the same part in all of them."""
+
+
+def offered(file: Path) -> set[str]:
+    """Public names that a module defines, not those that it imports."""
+    names: set[str] = set()
+    for node in ast.parse(file.read_text(), str(file)).body:
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
+            names.add(node.name)
+        elif isinstance(node, ast.Assign | ast.AnnAssign):
+            targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+            names |= {target.id for target in targets if isinstance(target, ast.Name)}
+    return {name for name in names if not name.startswith("_")}
+
+
+def modules() -> dict[str, list[str]]:
+    """Files that offer each name. A NumPy twin has the name of its kernel: `tools/twins` counts apart."""
+    found = defaultdict(list)
+    for folder in FOLDERS:
+        for file in sorted((REPOSITORY / folder).rglob("*.py")):
+            where = file.relative_to(REPOSITORY).as_posix()
+            if not where.startswith("tools/twins/"):
+                for name in offered(file):
+                    found[name].append(where)
+    return found
+
+
+def test_no_name_stands_for_two_things():
+    double = {name: where for name, where in modules().items() if len(where) > 1 and name not in SAME_ROLE}
+    assert not double, "rename one, or give it an underscore if only its module uses it"
+
+
+def test_every_exception_is_one():
+    twins = [offered(file) for file in (REPOSITORY / "tools/twins").glob("*.py")]
+    count = {name: len(modules()[name]) + sum(name in names for names in twins) for name in SAME_ROLE}
+    assert [name for name, times in count.items() if times < 2] == []
