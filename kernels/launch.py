@@ -266,9 +266,18 @@ def _packed(kernel: Any, dim: Any, arguments: list[Any], device: Any) -> Any:
         for at, (value, was) in enumerate(zip(arguments, old, strict=True)):
             if value is not (was() if type(was) is weakref.ref else was):
                 launch.set_param_at_index(at, value)
-    known = [weakref.ref(a) if isinstance(a, wp.array) else a for a in arguments]
+    known = [_remembered(argument) for argument in arguments]
     kept[slot] = _copy(launch), dim, known  # a copy: `change` changes the launch
     return launch
+
+
+def _remembered(argument: Any) -> Any:
+    """What to compare the next launch's argument with: of arrays and structs, which may hold a whole map, no more than
+    a weak reference."""
+    try:
+        return weakref.ref(argument)
+    except TypeError:  # a number
+        return argument
 
 
 def _copy(launch: Any) -> Any:

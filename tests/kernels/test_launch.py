@@ -1,15 +1,19 @@
 """Launching: recorded launches, threads that stand aside, threads that are held up."""
 
+import gc
 import os
 import sys
 import threading
+import weakref
 
 import numpy as np
 import pytest
 import warp as wp
 
 from dsmap.kernels import launch
+from dsmap.kernels.index_map import render_index
 from dsmap.kernels.launch import Slice, launch_rows, record_rows, step_aside
+from dsmap.tools.twins import scene as random_scene
 
 SHAPE = (300, 200)
 """Large enough for several slices."""
@@ -40,6 +44,17 @@ def test_a_recorded_launch_runs_again_with_a_changed_input():
     again.change(0, 2.0)
     again()
     np.testing.assert_array_equal(out.numpy(), 3 * numbers())
+
+
+def test_what_is_remembered_of_a_launch_keeps_no_map_alive():
+    T = random_scene.pose(1)
+    surfels = random_scene.surfel_map(T, 300, 1)
+    index = wp.empty((random_scene.CAMERA.height, random_scene.CAMERA.width), dtype=wp.int32, device="cpu")
+    render_index(surfels, random_scene.CAMERA, T, max_depth=3.0, index=index)
+    position = weakref.ref(surfels.position)
+    del surfels
+    gc.collect()
+    assert position() is None
 
 
 def test_a_launch_does_not_wait_for_threads_that_are_held_up():
