@@ -78,7 +78,7 @@ def _lines(option: Option, alias: str | None, width: int) -> list[str]:
     if option.hint is bool and option.value:
         group, dot, name = option.flag.removeprefix("--").rpartition(".")
         head = f"--{group}{dot}no-{name}"
-    text = option.doc + _default(option)
+    text = _turned_off(option.doc) if option.value is True else option.doc + _default(option)
     return [f"  {head}", *textwrap.wrap(text, width, initial_indent=_INDENT, subsequent_indent=_INDENT)]
 
 
@@ -98,10 +98,13 @@ def metavar(option: Option) -> str:
     return {int: "N", float: "X", Path: "FILE"}.get(kind, option.name.rpartition(".")[2].upper())
 
 
+def _turned_off(doc: str) -> str:
+    """What a flag does that turns off what its option says it does."""
+    return f"Turn off what is on: {doc[0].lower()}{doc[1:]}"
+
+
 def _default(option: Option) -> str:
     value = option.value
-    if value is True:
-        return " [on; this flag turns it off]"
     if value is None or value is tyro.MISSING or value is False:
         return ""
     text = " ".join(str(v) for v in value) if isinstance(value, tuple) else str(value)
