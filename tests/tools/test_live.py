@@ -18,7 +18,7 @@ from dsmap.fusion.runs.read_run import load_run
 from dsmap.sequences import open_sequence
 from dsmap.tools import cli
 from dsmap.tools.live.shown_map import SHOWN_CELL_M, ShownMap, ShownPoints
-from dsmap.tools.live.sources import Replay, open_source
+from dsmap.tools.live.sources import Replay
 from dsmap.tools.twins.corner import INTRINSICS
 
 
@@ -188,15 +188,6 @@ def test_wrong_sources_are_one_sentence(tmp_path, capsys, argv, message):
     assert cli.run("live", [*argv, "--out", str(tmp_path / "run"), "--no-view"]) == 2
     said = capsys.readouterr().err
     assert message in said and said.count("\n") == 1
-
-
-def test_a_missing_package_is_named():
-    for name, package in (("realsense", "pyrealsense2"), ("record3d", "record3d")):
-        try:
-            __import__(package)
-        except ImportError:
-            with pytest.raises(InputError, match=f"needs {package}; install it with"):
-                open_source(name)
 
 
 def test_the_page_shows_the_map_without_holding_it_up(tmp_path):

@@ -37,7 +37,7 @@ class Args:
     out: Path
     """RUN folder to write when it ends."""
     source: Annotated[str | None, tyro.conf.Positional] = None
-    """The camera: realsense, record3d (an iPhone on USB), or module:factory returning a source; or --replay."""
+    """The camera: realsense, oak, record3d (an iPhone on USB), or module:factory returning a source; or --replay."""
     replay: Path | None = None
     """A recording that comes at its own speed, as if its camera were here."""
     speed: Annotated[float, Range(0.01, 100)] = 1.0
@@ -103,7 +103,7 @@ def open_live(args: Args) -> tuple[LiveSource, Any]:
     """
     if (args.source is None) == (args.replay is None):
         raise InputError(
-            "expected one source: a camera (realsense, record3d, module:factory), or --replay PATH"
+            "expected one source: a camera (realsense, oak, record3d, module:factory), or --replay PATH"
         )
     if args.replay is not None:
         sequence = open_sequence(args.replay, size=parse_size(args.size))

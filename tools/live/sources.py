@@ -50,6 +50,7 @@ def _camera(module: str) -> Callable[[], LiveSource]:
 
 CAMERAS: dict[str, tuple[str, Callable[[], LiveSource]]] = {
     "realsense": ("pyrealsense2", _camera("realsense")),
+    "oak": ("depthai", _camera("oak")),
     "record3d": ("record3d", _camera("record3d_phone")),
 }
 """Name of a kind of camera to the package that it needs, and what connects to the first one of that kind."""
