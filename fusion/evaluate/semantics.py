@@ -16,6 +16,7 @@ from dsmap.fusion.runs.read_run import SavedRun, evenly_spread
 from dsmap.fusion.segmenter import Segmenter
 from dsmap.metrics import ConfusionMatrix, Reliability, class_probabilities
 from dsmap.sequences import Sequence
+from dsmap.sequences.associate import associate
 
 EVALUATION_SIZE = (320, 240)
 """Labels are scored at this size, as the paper does; smaller recordings at their own."""
@@ -109,6 +110,51 @@ def evaluate_network(answers: Iterable[tuple[np.ndarray | None, np.ndarray]]) ->
     return (score.tree() if count else unknown("no frame was segmented")), count
 
 
+def evaluate_labels(given: Sequence, reference: Sequence, max_frames: int = 0) -> dict[str, Any]:
+    """Scores of label images, such as `dsmap export RUN --to labels-2d` writes, by the rules of a run's `map_only`.
+
+    Args:
+        given: a recording with these labels, paired with the reference by stamp.
+        reference: the recording with true labels, at the size at which labels are scored.
+        max_frames: labelled frames scored, evenly spread; 0 for all.
+
+    Returns:
+        A tree with the keys `labels` (scores without reliability: label images say no probabilities), `coverage` and
+        `frames`.
+
+    Raises:
+        InputError: one of them has no labels, or they share no stamp.
+    """
+    for sequence in (given, reference):
+        if not sequence.has_labels:
+            raise InputError(f"{sequence.path}: found no label images, expected some (label.txt)")
+    camera = reference.intrinsics
+    given = given.resized((camera.width, camera.height))
+    pairs = [
+        (i, j) for i, j in associate(given.times, reference.times) if reference.entries[j].label is not None
+    ]
+    if not pairs:
+        raise InputError(
+            f"{given.path}: none of its stamps is within 20 ms of a labelled frame of {reference.path}"
+        )
+    if max_frames > 0:
+        pairs = [pairs[k] for k in evenly_spread(len(pairs), max_frames)]
+    confusion, covered, frames = ConfusionMatrix(), 0, 0
+    for i, j in pairs:
+        label, truth = given.label(i), reference.label(j)
+        if label is None or truth is None:
+            continue  # one that cannot be read has been warned of
+        confusion.add(truth, label)
+        covered += _covered(truth, label)
+        frames += 1
+    scores = confusion.scores() | {"ece": None, "brier": None}
+    return {
+        "labels": scores,
+        "coverage": covered / confusion.total if confusion.total else None,
+        "frames": frames,
+    }
+
+
 def run_size(run: SavedRun, reference: Sequence) -> tuple[int, int]:
     """The (width, height) that the run's segmenter saw; the recording's own if the run does not say."""
     size = run.settings.get("sequence", {}).get("size")
@@ -153,7 +199,12 @@ def _score_frame(
         _add(scores["single_frame"], truth, network_label, network)
         both = np.where(answered[..., None], p, network)
         _add(scores["map"], truth, np.where(answered, label, network_label), both)
-    return int((answered & (truth != VOID) & (truth < NUM_CLASSES)).sum())
+    return _covered(truth, label)
+
+
+def _covered(truth: np.ndarray, label: np.ndarray) -> int:
+    """Labelled pixels that have an answer."""
+    return int(((label != VOID) & (truth != VOID) & (truth < NUM_CLASSES)).sum())
 
 
 def _answer(probabilities: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

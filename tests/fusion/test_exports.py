@@ -375,6 +375,21 @@ def test_labels_2d_is_the_map_in_every_frame(tmp_path, run, frames, recording):
     assert (tmp_path / "coco" / "panoptic.json").exists()
 
 
+def test_labels_2d_scores_as_the_map_does(tmp_path, run, recording):
+    write("labels-2d", Job(run, lambda: open_sequence(recording)), tmp_path / "out")
+    for most in ([], ["--max-frames", "5"]):
+        assert cli.run("evaluate", [str(run.path), "--out", str(tmp_path / "map.json"), *most]) == 0
+        argv = ["--data", str(recording), "--labels", str(tmp_path / "out"), *most]
+        assert cli.run("evaluate", [*argv, "--out", str(tmp_path / "labels.json")]) == 0
+        of_map = json.loads((tmp_path / "map.json").read_text())["semantics"]
+        of_labels = json.loads((tmp_path / "labels.json").read_text())
+        assert of_labels["frames"] == of_map["frames"] == (5 if most else len(FRAMES))
+        assert of_labels["coverage"] == of_map["coverage"] > 0.9
+        for name in ("class_avg", "pixel_acc", "miou", "per_class"):
+            assert of_labels["labels"][name] == of_map["map_only"][name], name
+        assert of_labels["labels"]["pixel_acc"] < 1, "a map is not the truth"
+
+
 def test_trajectories_are_read_by_evo(tmp_path, run):
     program = shutil.which("evo_traj", path=str(Path(sys.executable).parent))
     if program is None:

@@ -19,8 +19,8 @@ from dsmap.dsnet.datasets.geometry import DepthView
 from dsmap.dsnet.datasets.registry import open_set
 from dsmap.errors import InputError
 from dsmap.files import write_json
-from dsmap.fusion.evaluate.run import MAX_FRAMES, evaluate_run
-from dsmap.fusion.evaluate.semantics import evaluate_network
+from dsmap.fusion.evaluate.run import MAX_FRAMES, evaluate_run, evaluation_size
+from dsmap.fusion.evaluate.semantics import evaluate_labels, evaluate_network
 from dsmap.fusion.runs.read_run import SavedRun, load_run
 from dsmap.fusion.segmenter import Segmenter
 from dsmap.ranges import Frames, Scale, Share
@@ -29,7 +29,7 @@ from dsmap.sequences.tum import is_tum
 from dsmap.tools.mapping.recording import recording_of
 from dsmap.tools.mapping.segmenters import SegmenterSpec, make_segmenter, names_code
 from dsmap.tools.support.parse import parse_intrinsics
-from dsmap.tools.support.score_tables import network_table, run_tables
+from dsmap.tools.support.score_tables import labels_table, network_table, run_tables
 
 
 @dataclass
@@ -40,6 +40,9 @@ class Args:
     """The recording with ground truth; default: the recording that was mapped."""
     data: Path | None = None
     """Score a network alone: a labelled recording, or PATH or PATH@SPLIT of a data set as `dsmap train` takes them."""
+    labels: Path | None = None
+    """With --data: score the label images of this recording of the same frames instead of a network, such as
+    `dsmap export RUN --to labels-2d` writes."""
     weights: str | None = None
     """Weights of the network; default: the run's, or those that come with dsmap."""
     prior: Share | None = None
@@ -74,6 +77,11 @@ def main(args: Args) -> None:
         metrics = score_run(args.run, args)
         print(run_tables(metrics))
         out = args.out or args.run / "metrics.json"
+    elif args.labels is not None and args.data is not None and args.run is None:
+        metrics, out = score_labels(args.labels, args.data, args), args.out
+        print(labels_table(metrics))
+    elif args.labels is not None:
+        raise InputError("--labels is for --data: the recording with the true labels of these frames")
     elif args.data is not None and args.run is None:
         metrics, watch, with_geometry = score_network(args.data, args)
         print(network_table(metrics))
@@ -127,6 +135,15 @@ def segmenter_of(run: SavedRun, args: Args) -> Segmenter | None:
             raise
         print(f"warning: the run's segmenter cannot be built ({error}); the network is not scored")
         return None
+
+
+def score_labels(labels: Path, data: Path, args: Args) -> dict[str, Any]:
+    """Scores of the label images of one recording against those of another (see `evaluate_labels`)."""
+    reference = open_sequence(data, label_map=args.label_map)
+    tree = evaluate_labels(
+        open_sequence(labels), reference.resized(evaluation_size(reference)), args.max_frames
+    )
+    return tree | {"data": str(data), "answers": str(labels)}
 
 
 def score_network(data: Path, args: Args) -> tuple[dict[str, Any], Any, bool]:

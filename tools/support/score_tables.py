@@ -8,6 +8,7 @@ _COLUMNS = {
     "map_only": "map only",
     "map_only_off_edges": "off edges",
     "surfels": "surfels 3D",
+    "labels": "label images",
 }
 """Keys of `semantics` and how the table names them."""
 _LABEL_ROWS = (("class average", "class_avg"), ("pixel accuracy", "pixel_acc"), ("mean IoU", "miou"))
@@ -33,6 +34,11 @@ _MAP = ("frames", "surfels", "graph_nodes", "local_loops", "global_loops")
 def network_table(metrics: dict[str, Any]) -> str:
     """The table of a network alone: the single-frame column of the paper's Table 4."""
     return f"{metrics['frames']} labelled images\n" + _labels({"single_frame": metrics["single_frame"]})
+
+
+def labels_table(metrics: dict[str, Any]) -> str:
+    """The table of label images alone."""
+    return _labels({key: metrics[key] for key in ("labels", "coverage", "frames")})
 
 
 def _trajectory_rows(t: dict[str, Any]) -> list[tuple[str, str]]:
