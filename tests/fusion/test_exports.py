@@ -376,7 +376,7 @@ def test_labels_2d_is_the_map_in_every_frame(tmp_path, run, frames, recording):
 
 
 def test_labels_2d_scores_as_the_map_does(tmp_path, run, recording):
-    write("labels-2d", Job(run, lambda: open_sequence(recording)), tmp_path / "out")
+    write("labels-2d", ExportJob(run, lambda: open_sequence(recording)), tmp_path / "out")
     for most in ([], ["--max-frames", "5"]):
         assert cli.run("evaluate", [str(run.path), "--out", str(tmp_path / "map.json"), *most]) == 0
         argv = ["--data", str(recording), "--labels", str(tmp_path / "out"), *most]
