@@ -14,6 +14,7 @@ from tqdm import tqdm
 from dsmap.files import written_or_warned
 from dsmap.frame import Frame
 from dsmap.fusion.mapper import Mapper, StepResult
+from dsmap.fusion.runs.pace import Pace
 from dsmap.fusion.runs.prepare_ahead import prepare_ahead
 from dsmap.sequences import Sequence
 from dsmap.stopping import STOPS, is_ignored, stop_printing
@@ -41,6 +42,17 @@ class RunState:
     """Position and result of the frames for the strip picture."""
     wall_s: float = 0.0
     """Seconds spent, before an interruption included."""
+    pace: Pace | None = None
+    """What was given up to keep up with a camera, or with a recording at its own speed."""
+
+    def note(self, frame: Frame, position: int, result: StepResult, total: int) -> None:
+        """A frame of a recording of so many frames was mapped; position: in the recording."""
+        before, self.done = self.done, position + 1
+        if not result.tracked and self.first_lost is None:
+            self.first_lost = (frame.index, result.reason)
+        wanted = np.linspace(0, total - 1, STRIP_FRAMES + 2).astype(int)[1:-1]
+        if ((before <= wanted) & (wanted <= position)).any():
+            self.shown.append((position, result))
 
 
 def map_recording(
@@ -64,9 +76,7 @@ def map_recording(
             return map_recording(state, sequence, checkpoint_every, asked_to_stop, watch)
     first, earlier, rest = state.done, state.skipped, sequence.rest(state.done)
     position_of = {entry.index: first + i for i, entry in enumerate(rest.entries)}
-    positions = set(np.linspace(0, len(sequence) - 1, STRIP_FRAMES + 2).astype(int)[1:-1].tolist())
-    bar = tqdm(total=len(sequence), initial=first, unit="frame", disable=None)  # None: off without a terminal
-    with bar:
+    with progress_bar(len(sequence), first) as bar:
         for ready in prepare_ahead(state.mapper, rest if len(rest) else ()):
             frame = ready.frame
             position = position_of[frame.index]
@@ -76,18 +86,15 @@ def map_recording(
                 watch(frame, result)
             # Reading is one frame ahead: what it skipped there is not behind us yet.
             passed = [(index, reason) for index, reason in rest.skipped if index < frame.index]
-            state.done, state.skipped = position + 1, earlier + passed
-            if not result.tracked and state.first_lost is None:
-                state.first_lost = (frame.index, result.reason)
-            if position in positions:
-                state.shown.append((position, result))
-            _progress(bar, state, len(sequence), result)
+            state.skipped = earlier + passed
+            state.note(frame, position, result, len(sequence))
+            show_progress(bar, state, len(sequence), result)
             due = checkpoint_every and state.done % checkpoint_every == 0 and state.done < len(sequence)
             if due and state.mapper.settled:  # nobody shall go on from a start that may be given up
                 what = f"checkpoint after frame {state.done}"
                 written_or_warned(what, "mapping goes on", state.save, state)
             if number := asked_to_stop():
-                _say("\nstopped: writing what is there so far")
+                say("\nstopped: writing what is there so far")
                 state.mapper.settle()
                 return number
     _skip_to(state, len(sequence), sequence)
@@ -103,7 +110,7 @@ def _skip_to(state: RunState, position: int, sequence: Sequence) -> None:
         state.done += 1
 
 
-def _say(text: str) -> None:
+def say(text: str) -> None:
     """Print to stderr; that nobody reads it is no reason to lose the map."""
     try:
         print(text, file=sys.stderr, flush=True)
@@ -111,7 +118,13 @@ def _say(text: str) -> None:
         stop_printing()
 
 
-def _progress(bar: Any, state: RunState, total: int, result: StepResult) -> None:
+def progress_bar(total: int, done: int) -> Any:
+    """A bar of so many frames; it shows nothing without a terminal."""
+    return tqdm(total=total, initial=done, unit="frame", disable=None)
+
+
+def show_progress(bar: Any, state: RunState, total: int, result: StepResult) -> None:
+    """Say how far it is: on a terminal by the bar, else a line now and then."""
     count = state.mapper.surfels.count
     outcome = "ok" if result.tracked else f"LOST: {result.reason}"
     bar.set_postfix_str(f"{count:,} surfels, {outcome}", refresh=False)
@@ -120,7 +133,7 @@ def _progress(bar: Any, state: RunState, total: int, result: StepResult) -> None
     except OSError:
         stop_printing()
     if bar.disable and state.done % LOG_EVERY == 0:
-        _say(f"frame {state.done} of {total}: {count:,} surfels, {outcome}")
+        say(f"frame {state.done} of {total}: {count:,} surfels, {outcome}")
 
 
 @contextmanager

@@ -2,7 +2,7 @@
 
 import threading
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 from dsmap.frame import Frame
@@ -22,15 +22,17 @@ class NewestFrame:
 
     Args:
         frames: blocks until the next frame is there; its end is the end of the source. It is closed in the thread.
+        seen_at: when the camera saw a frame (time.monotonic) [s]; None: when it came.
     """
 
-    def __init__(self, frames: Iterable[Frame]):
+    def __init__(self, frames: Iterable[Frame], seen_at: Callable[[Frame], float] | None = None):
         self.dropped = 0
         """Frames that a newer one replaced before anybody took them."""
         self.ended = False
         """Nothing more will come."""
         self._error: BaseException | None = None
         self._slot: Arrived | None = None
+        self._seen_at = seen_at or (lambda _: time.monotonic())
         self._changed = threading.Condition()
         self._closing = False
         self._thread = threading.Thread(target=self._read, args=(frames,), name="dsmap-camera", daemon=True)
@@ -61,7 +63,7 @@ class NewestFrame:
                     if self._closing:
                         break
                     self.dropped += self._slot is not None
-                    self._slot = Arrived(frame, time.monotonic())
+                    self._slot = Arrived(frame, self._seen_at(frame))
                     self._changed.notify()
         except BaseException as error:  # the taker raises it: a thread's traceback would be lost
             self._error = error

@@ -15,10 +15,10 @@ from dsmap.fusion.mapper import Mapper
 from dsmap.fusion.runs.map_live import Controls, map_live
 from dsmap.fusion.runs.newest_frame import NewestFrame
 from dsmap.fusion.runs.read_run import load_run
+from dsmap.fusion.runs.replay import Replay
 from dsmap.sequences import open_sequence
 from dsmap.tools import cli
 from dsmap.tools.live.shown_map import SHOWN_CELL_M, ShownMap, ShownPoints
-from dsmap.tools.live.sources import Replay
 from dsmap.tools.twins.corner import INTRINSICS
 
 
@@ -110,7 +110,7 @@ def test_the_newest_frame_is_taken():
 def test_a_recording_comes_at_its_own_speed(tmp_path, monkeypatch):
     clock = [100.0]
     monkeypatch.setattr(time, "monotonic", lambda: clock[0])
-    monkeypatch.setattr("dsmap.tools.live.sources.time.sleep", lambda s: clock.__setitem__(0, clock[0] + s))
+    monkeypatch.setattr("dsmap.fusion.runs.replay.time.sleep", lambda s: clock.__setitem__(0, clock[0] + s))
     sequence = open_sequence(record(tmp_path / "corner"))
     seen = []
     for frame in Replay(sequence, 2.0).frames():

@@ -18,10 +18,11 @@ from dsmap.fusion.runs.map_live import Controls, Moment, map_live
 from dsmap.fusion.runs.map_recording import RunState, signals_noted
 from dsmap.fusion.runs.newest_frame import NewestFrame
 from dsmap.fusion.runs.pace import Pace
+from dsmap.fusion.runs.replay import Replay
 from dsmap.ranges import Range
 from dsmap.sequences import open_sequence
 from dsmap.stopping import exit_code
-from dsmap.tools.live.sources import LiveSource, Replay, open_source
+from dsmap.tools.live.sources import LiveSource, open_source
 from dsmap.tools.mapping.options import Args as MapArgs
 from dsmap.tools.mapping.options import plain_values
 from dsmap.tools.mapping.output import report, write_run
@@ -82,14 +83,14 @@ def main(args: Args) -> int:
                 attempt(write_run, command, state, about)
             said(f"saved after {mapper.time} frames")
 
-        frames, pace = NewestFrame(source.frames()), Pace(mapper)
+        seen_at = source.seen_at if isinstance(source, Replay) else None
+        frames, state.pace = NewestFrame(source.frames(), seen_at), Pace(mapper)
         try:
-            map_live(mapper, frames, controls, watch, save, asked_to_stop, pace)
+            map_live(mapper, frames, controls, watch, save, asked_to_stop, state.pace)
         finally:
             frames.close()
             if mapper.time:
                 save()
-        print(pace.summary(frames.dropped))
         report(state, args.out)
         stopped = asked_to_stop()
     return exit_code(stopped) if stopped else 0

@@ -8,6 +8,7 @@ import tyro
 
 from dsmap.errors import InputError
 from dsmap.files import all_that_fits
+from dsmap.fusion.runs.map_realtime import map_realtime
 from dsmap.fusion.runs.map_recording import RunState, map_recording, signals_noted
 from dsmap.sequences import Sequence, open_sequence
 from dsmap.sequences.formats.protocol import Options
@@ -52,7 +53,7 @@ def main(args: Args) -> int:
         if args.resume:
             checkpoint_of(args.out)
             held.enter_context(claimed(args.out))
-        state = start_run(args, sequence)
+        state, sequence = start_run(args, sequence)
         check_recording(args, sequence, state.mapper.config)
         if not args.resume:
             check_new(args.out, args.overwrite)
@@ -64,7 +65,10 @@ def main(args: Args) -> int:
             from dsmap.tools.live.watch_map import watching
 
             watch, asked_to_stop = held.enter_context(watching(args, state, asked_to_stop))
-        map_recording(state, sequence, args.checkpoint_every, asked_to_stop, watch)
+        if args.realtime:
+            map_realtime(state, sequence, asked_to_stop, watch)
+        else:
+            map_recording(state, sequence, args.checkpoint_every, asked_to_stop, watch)
         state.wall_s += time.perf_counter() - began
         with all_that_fits(args.out) as attempt:
             whole = attempt(write_run, args, state, sequence)
@@ -104,6 +108,9 @@ def announce(args: Args, sequence: Sequence, state: RunState) -> None:
     for note in [*sequence.notes, without_partner(sequence)]:
         if note:
             print(f"note: {note}")
+    if args.realtime:
+        camera = sequence.intrinsics
+        print(f"at its own speed, in images of {camera.width}x{camera.height}")
     if args.resume:
         print(f"going on at frame {state.done} of {len(sequence)} with the parameters of {args.out}")
     elif args.localize_in is not None:

@@ -1,15 +1,12 @@
-"""Where live frames come from: a recording at its own speed, a camera, or the user's own code."""
+"""Where live frames come from: a camera, or the user's own code (a recording: `fusion/runs/replay.py`)."""
 
 import importlib
-import time
-import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Protocol
 
-from dsmap.errors import InputError, InputWarning
+from dsmap.errors import InputError
 from dsmap.frame import Frame, Intrinsics
-from dsmap.sequences import Sequence
 from dsmap.tools.support.user_code import made_by
 
 
@@ -21,24 +18,6 @@ class LiveSource(Protocol):
     def frames(self) -> Iterator[Frame]:
         """Frames as they come: blocks until the next one, ends where there are no more."""
         ...
-
-
-class Replay:
-    """A recording that comes at its own speed, as if its camera were here."""
-
-    def __init__(self, sequence: Sequence, speed: float = 1.0):
-        self.sequence, self.speed = sequence, speed
-        self.intrinsics = sequence.intrinsics
-
-    def frames(self) -> Iterator[Frame]:
-        """Each frame when its time has come; a damaged one is left out."""
-        began, first = time.monotonic(), float(self.sequence.times[0]) if len(self.sequence) else 0.0
-        for frame in self.sequence:
-            due = began + (frame.time - first) / self.speed
-            time.sleep(max(due - time.monotonic(), 0.0))
-            yield frame
-        for _, reason in self.sequence.skipped:
-            warnings.warn(InputWarning(f"left out: {reason}"), stacklevel=2)
 
 
 def _camera(module: str) -> Callable[[], LiveSource]:

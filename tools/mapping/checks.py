@@ -58,7 +58,8 @@ def verdict(state: RunState, sequence: Sequence) -> int:
     """Say what to try where little or nothing was mapped; returns the exit code."""
     points = state.mapper.trajectory[state.mapper.first_frame :]
     tracked = sum(point.tracked for point in points)
-    total = len(points) + max(len(sequence) - len(points), 0)
+    dropped = 0 if state.pace is None else state.pace.dropped
+    total = max(len(points), len(sequence) - dropped)
     nothing = tracked == 0 or state.mapper.surfels.count == 0
     if not nothing and total - tracked < _NEARLY_ALL * total:
         return 0

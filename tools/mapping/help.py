@@ -31,7 +31,7 @@ FIRST = (
 GROUPS = {
     "the run": (
         *("overwrite", "checkpoint_every", "localize_in", "extend", "save_probabilities", "refine"),
-        *("objects", "pictures", "view", "write_config"),
+        *("objects", "pictures", "view", "realtime", "write_config"),
     ),
     "the recording": (
         *("start", "stop", "stride", "depth_min", "intrinsics", "depth_scale", "undistort", "readout_s"),

@@ -40,6 +40,9 @@ class Args:
     """Track in the saved map of this RUN (or checkpoint) without changing it; poses are in its world."""
     extend: bool = False
     """With --localize-in: go on mapping in it; the result is written to --out."""
+    realtime: bool = False
+    """Play the recording at its own speed, as if its camera were here, and keep up with it: images are made smaller
+    unless --size says how large, frames that come too fast are dropped, and latency is told."""
     save_probabilities: bool = False
     """Add the 13 class probabilities to map.ply."""
     refine: Literal["none", "segments", "crf"] = "none"
@@ -86,7 +89,7 @@ _RENAMED = {("spec", "kind"): "segmenter"}
 """(part, field) -> the option that it is."""
 OF_A_CALL = (
     *("path", "out", "config", "write_config", "overwrite", "resume"),
-    *("localize_in", "extend", "checkpoint_every", "view"),
+    *("localize_in", "extend", "checkpoint_every", "view", "realtime"),
 )  # fmt: skip
 """Options that say what to do, not how: a configuration file cannot set them."""
 

@@ -44,6 +44,8 @@ def write_run(args: Args, state: RunState, sequence: Sequence) -> None:
         "refine": args.refine,
     }  # fmt: skip
     stats = statistics(state.mapper, len(state.skipped), state.wall_s)
+    if state.pace is not None:
+        stats["realtime"] = state.pace.report()
     with all_that_fits(args.out) as attempt:
         attempt(write_yaml, args.out / "config.yaml", values)
         attempt(write_json, args.out / "stats.json", stats, indent=2)
@@ -114,6 +116,8 @@ def report(state: RunState, out: Path, whole: bool = True) -> None:
         print(f"skipped frame {index}: {reason}")
     fps = f"{speed['fps']:.1f} frames/s" if speed["fps"] else "no frame mapped"
     print(f"{found['surfels']:,} surfels, {fps}, {speed['peak_rss_bytes'] / 2**20:.0f} MiB at most")
+    if state.pace is not None:
+        print(state.pace.summary())
     if not whole:
         return
     pictures = " pictures/" if (out / "pictures").is_dir() else ""

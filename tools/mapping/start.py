@@ -13,6 +13,7 @@ from dsmap.folders import locked, remove_leftovers
 from dsmap.fusion.config import MapConfig
 from dsmap.fusion.mapper import Mapper
 from dsmap.fusion.runs.checkpoint import load_map, read_metadata, save_map
+from dsmap.fusion.runs.map_realtime import fitting_size
 from dsmap.fusion.runs.map_recording import RunState
 from dsmap.fusion.runs.resume import mapper_in_saved_map, resumed_mapper
 from dsmap.fusion.runs.run_folder import CHECKPOINT
@@ -63,8 +64,9 @@ def _without_code(args: Args, where: str, argv: list[str]) -> Args:
     return args
 
 
-def start_run(args: Args, sequence: Sequence) -> RunState:
-    """The mapper of the command line at its first frame, or where the checkpoint to resume stopped.
+def start_run(args: Args, sequence: Sequence) -> tuple[RunState, Sequence]:
+    """The mapper of the command line at its first frame, or where the checkpoint to resume stopped; and the recording,
+    with --realtime at the size in which it can be mapped that fast.
 
     Raises:
         InputError: options or recording do not fit the checkpoint, or there is none.
@@ -72,6 +74,8 @@ def start_run(args: Args, sequence: Sequence) -> RunState:
     config = args.map.resolved_for(sequence)
     _check(args)
     segmenter = make_segmenter(args.spec, torch_device(config.device), code=True)
+    if args.realtime and args.size is None and args.localize_in is None:
+        sequence = sequence.resized(fitting_size(sequence, config, segmenter))
     saved = checkpoint_of(args.localize_in) if args.localize_in is not None else None
     if saved is not None:
         theirs = _saved_config(saved)
@@ -79,7 +83,7 @@ def start_run(args: Args, sequence: Sequence) -> RunState:
         config = dataclasses.replace(config, ferns=theirs.ferns, labels=labels)
     device = chosen_device(config.device)
     if args.resume:
-        return _resume(args, config, sequence, segmenter)
+        return _resume(args, config, sequence, segmenter), sequence
     if saved is not None:
         surfels, meta = load_map(saved, device)
         mapper = mapper_in_saved_map(
@@ -87,7 +91,7 @@ def start_run(args: Args, sequence: Sequence) -> RunState:
         )
     else:
         mapper = Mapper(config, sequence.intrinsics, segmenter)
-    return RunState(mapper, lambda now: _save(args, now))
+    return RunState(mapper, lambda now: _save(args, now)), sequence
 
 
 def check_new(out: Path, overwrite: bool) -> None:
@@ -149,6 +153,11 @@ def torch_device(device: str) -> str:
 def _check(args: Args) -> None:
     if args.checkpoint_every < 0:
         raise InputError(f"--checkpoint-every is {args.checkpoint_every}; expected a number of frames, or 0")
+    if args.realtime and (args.resume or args.checkpoint_every):
+        raise InputError(
+            "--realtime with --resume or --checkpoint-every: what it dropped is gone, and a camera does not wait; "
+            "expected neither"
+        )
     if args.extend and args.localize_in is None:
         raise InputError("--extend without --localize-in; expected the map to extend: --localize-in RUN")
     if args.localize_in is not None and args.map.poses == "given":
