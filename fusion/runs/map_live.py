@@ -30,8 +30,11 @@ class Moment:
     result: StepResult
     mapped_at: float
     """time.monotonic() [s]."""
-    dropped: int
-    """Frames so far that came too fast."""
+
+    @property
+    def dropped(self) -> int:
+        """Frames before it that came too fast."""
+        return self.arrived.dropped
 
     @property
     def delay_s(self) -> float:
@@ -70,9 +73,9 @@ def map_live(
             continue
         result = mapper.step(arrived.frame)
         count += 1
-        moment = Moment(arrived, result, time.monotonic(), frames.dropped)
+        moment = Moment(arrived, result, time.monotonic())
         if pace is not None:
-            pace.observe(arrived.frame.time, result, moment.delay_s, frames.dropped)
+            pace.observe(arrived.frame.time, result, moment.delay_s, moment.dropped)
         watch(moment)
     mapper.settle()
     return count

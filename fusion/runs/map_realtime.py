@@ -10,7 +10,6 @@ from dsmap.fusion.config import MapConfig
 from dsmap.fusion.mapper import Mapper, StepResult
 from dsmap.fusion.runs.map_live import Controls, Moment, map_live
 from dsmap.fusion.runs.map_recording import RunState, progress_bar, say, show_progress
-from dsmap.fusion.runs.newest_frame import NewestFrame
 from dsmap.fusion.runs.pace import Pace, largest_that_keeps_up, sizes, trial
 from dsmap.fusion.runs.replay import Replay
 from dsmap.fusion.segmenter import Segmenter
@@ -52,7 +51,7 @@ def map_realtime(
         watch: is shown every frame right after its step.
     """
     replay, pace = Replay(sequence), Pace(state.mapper)
-    frames = NewestFrame(replay.frames(), replay.seen_at)
+    frames = replay.newest()
     position_of = {entry.index: i for i, entry in enumerate(sequence.entries)}
     state.pace = pace
     with progress_bar(len(sequence), 0) as bar:
@@ -72,4 +71,4 @@ def map_realtime(
         say("\nstopped: writing what is there so far")
     else:
         state.done = len(sequence)
-    state.skipped = list(sequence.skipped)
+    state.skipped = list(replay.skipped)

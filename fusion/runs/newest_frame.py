@@ -15,6 +15,8 @@ class Arrived:
     frame: Frame
     at: float
     """time.monotonic() [s]."""
+    dropped: int
+    """Frames before it that came too fast."""
 
 
 class NewestFrame:
@@ -23,20 +25,32 @@ class NewestFrame:
     Args:
         frames: blocks until the next frame is there; its end is the end of the source. It is closed in the thread.
         seen_at: when the camera saw a frame (time.monotonic) [s]; None: when it came.
+        left_out: frames so far that the source did not give since newer ones were there.
     """
 
-    def __init__(self, frames: Iterable[Frame], seen_at: Callable[[Frame], float] | None = None):
-        self.dropped = 0
+    def __init__(
+        self,
+        frames: Iterable[Frame],
+        seen_at: Callable[[Frame], float] | None = None,
+        left_out: Callable[[], int] = lambda: 0,
+    ):
+        self._replaced = 0
         """Frames that a newer one replaced before anybody took them."""
         self.ended = False
         """Nothing more will come."""
         self._error: BaseException | None = None
         self._slot: Arrived | None = None
         self._seen_at = seen_at or (lambda _: time.monotonic())
+        self._left_out = left_out
         self._changed = threading.Condition()
         self._closing = False
         self._thread = threading.Thread(target=self._read, args=(frames,), name="dsmap-camera", daemon=True)
         self._thread.start()
+
+    @property
+    def dropped(self) -> int:
+        """Frames so far that nobody will take."""
+        return self._replaced + self._left_out()
 
     def take(self, timeout_s: float) -> Arrived | None:
         """The newest frame, once; None where none comes within the time, or the source has ended.
@@ -62,8 +76,8 @@ class NewestFrame:
                 with self._changed:
                     if self._closing:
                         break
-                    self.dropped += self._slot is not None
-                    self._slot = Arrived(frame, self._seen_at(frame))
+                    self._replaced += self._slot is not None
+                    self._slot = Arrived(frame, self._seen_at(frame), self.dropped)
                     self._changed.notify()
         except BaseException as error:  # the taker raises it: a thread's traceback would be lost
             self._error = error

@@ -4,8 +4,11 @@ import time
 import warnings
 from collections.abc import Iterator
 
-from dsmap.errors import InputWarning
+import numpy as np
+
+from dsmap.errors import InputError, InputWarning
 from dsmap.frame import Frame
+from dsmap.fusion.runs.newest_frame import NewestFrame
 from dsmap.sequences import Sequence
 
 
@@ -19,19 +22,36 @@ class Replay:
     def __init__(self, sequence: Sequence, speed: float = 1.0):
         self.sequence, self.speed = sequence, speed
         self.intrinsics = sequence.intrinsics
-        self._began = self._first = 0.0
+        self.left_out = 0
+        """Frames that were never decoded: the next one's time had come as well."""
+        self.skipped: list[tuple[int, str]] = []
+        """Damaged frames: (index in the recording, reason)."""
+        times = sequence.times
+        self._first = float(times[0]) if len(times) else 0.0
+        self._due_s = (times - self._first) / speed
+        self._began = 0.0
 
     def frames(self) -> Iterator[Frame]:
-        """Each frame when its time has come; a damaged one is left out."""
-        first = True
-        for frame in self.sequence:
-            if first:  # the clock starts once it is decoded: a camera would not wait for that
-                self._began, self._first, first = time.monotonic(), frame.time, False
-            time.sleep(max(self.seen_at(frame) - time.monotonic(), 0.0))
-            yield frame
-        for _, reason in self.sequence.skipped:
-            warnings.warn(InputWarning(f"left out: {reason}"), stacklevel=2)
+        """Each frame when its time has come, decoded before, as long as there is time for that."""
+        at, self._began = 0, time.monotonic()
+        while at < len(self._due_s):
+            overdue = int(np.searchsorted(self._due_s, time.monotonic() - self._began, side="right")) - 1
+            newest = max(at, overdue)
+            self.left_out += newest - at
+            try:
+                frame = self.sequence.frame(newest)
+            except InputError as error:
+                self.skipped.append((self.sequence.entries[newest].index, str(error)))
+                warnings.warn(InputWarning(f"left out: {error}"), stacklevel=2)
+            else:
+                time.sleep(max(self.seen_at(frame) - time.monotonic(), 0.0))
+                yield frame
+            at = newest + 1
 
     def seen_at(self, frame: Frame) -> float:
-        """When the camera would have seen it (time.monotonic) [s]; a frame that is decoded late has been seen then."""
+        """When the camera would have had it (time.monotonic) [s]."""
         return self._began + (frame.time - self._first) / self.speed
+
+    def newest(self) -> NewestFrame:
+        """Plays it: the newest frame, as old as it is."""
+        return NewestFrame(self.frames(), self.seen_at, lambda: self.left_out)

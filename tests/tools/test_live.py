@@ -120,6 +120,26 @@ def test_a_recording_comes_at_its_own_speed(tmp_path, monkeypatch):
     assert len(seen) == len(FRAMES) and np.allclose(times, stamps / 2, atol=1e-6)
 
 
+def test_what_is_overdue_is_not_even_decoded(tmp_path, monkeypatch):
+    clock = [100.0]
+    monkeypatch.setattr(time, "monotonic", lambda: clock[0])
+    monkeypatch.setattr("dsmap.fusion.runs.replay.time.sleep", lambda s: clock.__setitem__(0, clock[0] + s))
+    sequence = open_sequence(record(tmp_path / "corner"))
+    decode, decoded = sequence.frame, []
+
+    def slow(i):
+        decoded.append(i)
+        clock[0] += 0.075  # three frames' time at 30 Hz
+        return decode(i)
+
+    monkeypatch.setattr(sequence, "frame", slow)
+    replay = Replay(sequence)
+    ages = [clock[0] - replay.seen_at(frame) for frame in replay.frames()]
+    assert max(ages) <= 0.075 + 1 / 30 + 1e-6, "it does not fall behind"
+    assert len(ages) + replay.left_out == len(FRAMES) and replay.left_out >= 7
+    assert decoded[0] == 0 and decoded == sorted(set(decoded))
+
+
 class _Slow:
     """Gives each frame when the last one was mapped."""
 

@@ -83,8 +83,8 @@ def main(args: Args) -> int:
                 attempt(write_run, command, state, about)
             said(f"saved after {mapper.time} frames")
 
-        seen_at = source.seen_at if isinstance(source, Replay) else None
-        frames, state.pace = NewestFrame(source.frames(), seen_at), Pace(mapper)
+        frames = source.newest() if isinstance(source, Replay) else NewestFrame(source.frames())
+        state.pace = Pace(mapper)
         try:
             map_live(mapper, frames, controls, watch, save, asked_to_stop, state.pace)
         finally:

@@ -36,7 +36,7 @@ def watching(
     def watch(frame: Frame, result: StepResult) -> None:
         now = time.monotonic()
         began = now - sum(result.stages_ms.values()) / 1e3
-        page.show(state.mapper, Moment(Arrived(frame, began), result, now, 0))
+        page.show(state.mapper, Moment(Arrived(frame, began, 0), result, now))
         if controls.save.is_set():
             controls.save.clear()
             state.save(state)
