@@ -14,34 +14,9 @@ from dsmap.kernels.moving import carried_over, was_free_space
 from dsmap.kernels.preprocess import preprocess
 from dsmap.metrics import ate_rmse
 from dsmap.tools.twins import scene as random_scene
-from dsmap.tools.twins import surfels as reference_map
+from dsmap.tools.twins import views
 
 CAMERA = random_scene.CAMERA
-
-
-def reference_was_free_space(camera, vertex, poses, past, margin, margin_z2) -> tuple[np.ndarray, ...]:
-    """Slow twin of `was_free_space`: free, known."""
-    free, known = np.zeros((2, *vertex.shape[:2]), np.uint8)
-    for y, x in np.ndindex(free.shape):
-        for number, (T, depth) in enumerate(zip(poses, past, strict=True)):
-            if vertex[y, x, 2] > 0:
-                p = T[:3, :3] @ vertex[y, x] + T[:3, 3]
-                at = reference_map.pixel(camera, p)
-                if at and depth[at] > 0:
-                    known[y, x] |= number == 0
-                    free[y, x] |= depth[at] - p[2] > max(margin, margin_z2 * depth[at] ** 2)
-    return free, known
-
-
-def reference_carried(camera, vertex, T, depth, things, max_step) -> np.ndarray:
-    """Slow twin of `carried_over`."""
-    found = np.zeros(vertex.shape[:2], np.uint8)
-    for y, x in np.ndindex(found.shape):
-        p = T[:3, :3] @ vertex[y, x] + T[:3, 3]
-        at = reference_map.pixel(camera, p)
-        if vertex[y, x, 2] > 0 and at and abs(depth[at] - p[2]) < max_step:
-            found[y, x] = things[at]
-    return found
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -54,7 +29,7 @@ def test_free_space_equals_its_twin(seed):
     options = {"margin": 0.04, "margin_z2": 0.03}
     out = {name: wp.empty(vertex.shape[:2], dtype=wp.uint8, device="cpu") for name in ("free", "known")}
     was_free_space(CAMERA, wp.array(vertex, dtype=wp.vec3, device="cpu"), poses, past, **out, **options)
-    twins = reference_was_free_space(CAMERA, vertex.astype(np.float64), poses, past, **options)
+    twins = views.was_free_space(CAMERA, vertex.astype(np.float64), poses, past, **options)
     for found, expected in zip(out.values(), twins, strict=True):
         assert 0.02 < expected.mean() < 0.98
         assert (found.numpy() != expected).sum() <= 2
@@ -67,7 +42,7 @@ def test_what_a_thing_was_equals_its_twin(seed):
     T, things = exp_se3(rng.normal(0, 0.02, 6)), rng.integers(0, 2, vertex.shape[:2], dtype=np.uint8)
     depth = (vertex[..., 2] + rng.normal(0, 0.1, things.shape)).astype(np.float32)
     found = carried_over(CAMERA, wp.array(vertex, dtype=wp.vec3, device="cpu"), T, depth, things, 0.1)
-    expected = reference_carried(CAMERA, vertex.astype(np.float64), T, depth, things, 0.1)
+    expected = views.carried_over(CAMERA, vertex.astype(np.float64), T, depth, things, 0.1)
     assert 0.05 < expected.mean() < 0.6
     assert (found != expected).sum() <= 2
 

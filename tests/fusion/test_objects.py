@@ -5,7 +5,6 @@ import json
 import corner_frames
 import numpy as np
 import pytest
-import reference_segments
 from synthetic_map import map_of, room_arrays
 
 from dsmap.classes import CLASS_NAMES
@@ -23,6 +22,7 @@ from dsmap.fusion.runs.run_folder import save_run
 from dsmap.kernels.label import posterior
 from dsmap.kernels.segment_graph import join_cells
 from dsmap.tools.cli import run
+from dsmap.tools.twins import segment_graph as reference_segments
 
 UP = np.array([0.0, 0.0, 1.0])
 CONFIG = SegmentConfig(cell=0.04)

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-import reference_deform as reference
 from synthetic_map import map_of, room_arrays, room_map
 
 from dsmap.fusion.config import GraphConfig
@@ -10,6 +9,7 @@ from dsmap.fusion.lie import exp_se3
 from dsmap.fusion.loops.deformation_graph import Constraints, DeformationGraph
 from dsmap.fusion.loops.graph_solver import minimise, rotation_residuals
 from dsmap.kernels import launch
+from dsmap.tools.twins import deform as reference
 
 MOTION = exp_se3(np.array([0.4, -0.2, 0.3, 0.3, 0.5, -0.4]))
 SMALL = GraphConfig(spacing=400, min_nodes=8, max_constraint=10.0, max_strain=10.0)

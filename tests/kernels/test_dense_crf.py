@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-import reference_crf
 from synthetic_map import room_arrays
 
 from dsmap.fusion.config import CrfConfig
 from dsmap.fusion.objects.crf import gaussian_kernels, refine_by_crf
 from dsmap.kernels.dense_crf import find_neighbours, mean_field
+from dsmap.tools.twins import dense_crf as reference_crf
 
 
 def small_map(count: int = 400) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

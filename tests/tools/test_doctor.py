@@ -1,11 +1,15 @@
 """`dsmap doctor`: what it reports, and that it finds what is wrong."""
 
+import importlib
 import json
+from pathlib import Path
 
 import pytest
 import warp as wp
 
+import dsmap.kernels
 from dsmap.errors import InputError
+from dsmap.kernels import launch
 from dsmap.tools.commands import doctor
 from dsmap.tools.twins.checks import CHECKS, Check
 
@@ -63,6 +67,37 @@ def test_cuda_that_is_not_there_is_said():
         doctor.main(doctor.Args(device="cuda"))
 
 
+@pytest.fixture(scope="module")
+def outcomes():
+    """Difference of every kernel from its twin, and the kernels that were launched for all of them."""
+    launched, init, run = set(), launch.Recorded.__init__, wp.launch
+
+    def recorded(self, kernel, *args, **kwargs):
+        launched.add((kernel.module.name, kernel.key))
+        init(self, kernel, *args, **kwargs)
+
+    def one(kernel, *args, **kwargs):
+        launched.add((kernel.module.name, kernel.key))
+        return run(kernel, *args, **kwargs)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(launch.Recorded, "__init__", recorded)
+        patch.setattr(wp, "launch", one)
+        return {name: check.run("cpu") for name, check in CHECKS.items()}, launched
+
+
 @pytest.mark.parametrize("name", CHECKS)
-def test_every_kernel_equals_its_twin(name):
-    assert CHECKS[name].run("cpu") <= CHECKS[name].limit
+def test_every_kernel_equals_its_twin(name, outcomes):
+    assert outcomes[0][name] <= CHECKS[name].limit
+
+
+def test_no_kernel_is_without_a_check(outcomes):
+    folder = Path(dsmap.kernels.__path__[0])
+    modules = [importlib.import_module(f"dsmap.kernels.{path.stem}") for path in folder.glob("*.py")]
+    kernels = {
+        (kernel.module.name, kernel.key)
+        for module in modules
+        for kernel in vars(module).values()
+        if isinstance(kernel, wp.Kernel)
+    }
+    assert len(kernels) > 40 and kernels <= outcomes[1]

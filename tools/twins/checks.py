@@ -1,7 +1,5 @@
 """Every kernel against its twin, on any device: `dsmap doctor`."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -24,28 +22,11 @@ from dsmap.kernels.prune import prune
 from dsmap.kernels.shutter import global_shutter
 from dsmap.kernels.types import FrameMaps, ModelMaps, SurfelMap
 from dsmap.tools.twins import corner, images, surfels
+from dsmap.tools.twins.check import Check, apart
+from dsmap.tools.twins.map_checks import MAP_CHECKS
 from dsmap.tools.twins.scene import CAMERA, TIME, frame_arrays, frame_maps, pose, softmax_image, surfel_map
 
 _SHAPE = (CAMERA.height, CAMERA.width)
-_BORDERLINE = 0.01
-"""Share of entries that may fall the other way in single precision: a pixel on a gate or on the border of two."""
-
-
-@dataclass(frozen=True)
-class Check:
-    """A kernel and its twin."""
-
-    run: Callable[[Any], float]
-    """Takes a device, gives the largest difference."""
-    limit: float
-    """What rounding makes of it at most, in the kernel's own unit."""
-
-
-def _apart(found: wp.array | np.ndarray, expected: np.ndarray) -> float:
-    """Largest difference of two arrays, the worst entries, which may be borderline, left out."""
-    values = found.numpy() if isinstance(found, wp.array) else found
-    off = np.abs(values.astype(np.float64) - expected)
-    return float(np.quantile(off, 1 - _BORDERLINE)) if off.size else 0.0
 
 
 def _scene(
@@ -68,7 +49,7 @@ def _of_surfels(m: SurfelMap, expected: dict[str, np.ndarray]) -> float:
     found = _rows(m)
     if len(found["weight"]) != len(expected["weight"]):
         return float("inf")
-    return max(_apart(found[name], expected[name]) for name in found)
+    return max(apart(found[name], expected[name]) for name in found)
 
 
 def _bilateral(device: Any) -> float:
@@ -77,7 +58,7 @@ def _bilateral(device: Any) -> float:
     expected = images.bilateral(
         depth, preprocess.SIGMA_SPACE, preprocess.SIGMA_RANGE, filters.BILATERAL_RADIUS
     )
-    return _apart(smooth, expected)
+    return apart(smooth, expected)
 
 
 def _frame(device: Any, T: np.ndarray | None = None) -> list[FrameMaps]:
@@ -90,20 +71,20 @@ def _surface(device: Any) -> float:
     maps = _frame(device)[0]
     expected = images.surface(corner.LEVEL_CAMERAS[0], maps.depth.numpy())
     names = ("vertex", "normal", "radius", "edge")
-    return max(_apart(getattr(maps, name), e) for name, e in zip(names, expected, strict=True))
+    return max(apart(getattr(maps, name), e) for name, e in zip(names, expected, strict=True))
 
 
 def _half_surface(device: Any) -> float:
     finest = _frame(device)[0]
     half = preprocess.half_surface(finest.vertex, finest.normal, finest.intensity)
     expected = images.half_surface(*(a.numpy() for a in (finest.vertex, finest.normal, finest.intensity)))
-    return max(_apart(got, e) for got, e in zip(half, expected, strict=True))
+    return max(apart(got, e) for got, e in zip(half, expected, strict=True))
 
 
 def _gradient(device: Any) -> float:
     finest = _frame(device)[0]
     expected = images.gradient(finest.intensity.numpy(), finest.vertex.numpy())
-    return _apart(odometry.gradient(finest.intensity, finest.vertex), expected)
+    return apart(odometry.gradient(finest.intensity, finest.vertex), expected)
 
 
 def _of_equations(found: odometry.NormalEquations, rows: list) -> float:
@@ -145,12 +126,12 @@ def _shutter(device: Any) -> float:
     names = ("vertex", "normal", "intensity", "depth", "radius", "colour", "edge")
     before = {name: getattr(maps, name).numpy().astype(np.float64) for name in names}
     expected = images.global_shutter(corner.LEVEL_CAMERAS[0], before, corner.TWIST, corner.READOUT)
-    return max(_apart(getattr(found, name), expected[name]) for name in names)
+    return max(apart(getattr(found, name), expected[name]) for name in names)
 
 
 def _associate(device: Any) -> float:
     T, arrays, _, m, match = _scene(device)
-    return _apart(match, surfels.associate_surfels(_rows(m), CAMERA, T, arrays))
+    return apart(match, surfels.associate_surfels(_rows(m), CAMERA, T, arrays))
 
 
 def _fuse(device: Any) -> float:
@@ -166,7 +147,7 @@ def _predict(device: Any) -> float:
     predict_model(m, CAMERA, T, max_depth=3.0, maps=maps, stable_weight=10.0)
     index = surfels.render_index(_rows(m), CAMERA, T, max_depth=3.0, stable_weight=10.0)
     expected = surfels.predict_model(_rows(m), CAMERA, T, index)
-    return max(_apart(maps.index, index), *(_apart(getattr(maps, name), e) for name, e in expected.items()))
+    return max(apart(maps.index, index), *(apart(getattr(maps, name), e) for name, e in expected.items()))
 
 
 def _coverage(device: Any) -> float:
@@ -175,10 +156,10 @@ def _coverage(device: Any) -> float:
     predict_model(m, CAMERA, T, max_depth=3.0, maps=seen, resolution=0.07)
     find_uncovered(CAMERA, T, maps, match, 0.07, MapView(CAMERA, T, seen.vertex, seen.normal), is_new)
     view = (CAMERA, T, seen.vertex.numpy(), seen.normal.numpy())
-    new = _apart(is_new, surfels.find_uncovered(CAMERA, T, arrays, match.numpy(), 0.07, view))
+    new = apart(is_new, surfels.find_uncovered(CAMERA, T, arrays, match.numpy(), 0.07, view))
     expected = surfels.thin_out(_rows(m), CAMERA, arrays["vertex"], match.numpy(), 0.08)
     thin_out(m, CAMERA, maps, match, 0.08)
-    return max(new, _apart(_rows(m)["weight"], expected))
+    return max(new, apart(_rows(m)["weight"], expected))
 
 
 def _prune(device: Any) -> float:
@@ -186,7 +167,7 @@ def _prune(device: Any) -> float:
     options: dict[str, Any] = {"time": TIME, "t_min": 10}
     expected = surfels.prune(_rows(m), CAMERA, T, arrays["depth"], arrays["edge"], match.numpy(), **options)
     prune(m, CAMERA, T, maps, match, **options)
-    return _apart(_rows(m)["weight"], expected)
+    return apart(_rows(m)["weight"], expected)
 
 
 def _compact(device: Any) -> float:
@@ -221,7 +202,7 @@ def _smooth(device: Any) -> float:
     arrays, maps, p = frame_arrays(), frame_maps(frame_arrays(), device), softmax_image(0, 24, 32)
     found = smooth_probabilities(p, CAMERA, maps.vertex, maps.normal, radius=0.1).numpy().reshape(24, 32, 14)
     expected = surfels.smooth_probabilities(p, CAMERA, arrays["vertex"], arrays["normal"], 0.1)
-    return _apart(np.nan_to_num(found), np.nan_to_num(expected))
+    return apart(np.nan_to_num(found), np.nan_to_num(expected))
 
 
 CHECKS: dict[str, Check] = {
@@ -241,5 +222,6 @@ CHECKS: dict[str, Check] = {
     "culling": Check(_culling, 0.0),
     "label fusion": Check(_labels, 5e-5),
     "label smoothing": Check(_smooth, 1e-5),
+    **MAP_CHECKS,
 }
 """By the name that a report gives them."""
