@@ -1,8 +1,10 @@
 """`dsmap reproduce`: the shipped list fits the commands; statements hold or do not; missing data is said."""
 
 import importlib
+import re
 import shlex
 import subprocess
+from pathlib import Path
 
 import pytest
 import tyro
@@ -30,6 +32,17 @@ def test_shipped_commands_can_be_parsed(entry, tmp_path):
     for figure in entry.figures:
         assert figure.what and figure.key and figure.tolerance >= 0
         assert any(f"{{out}}/{figure.file.split('/')[0]}" in command for command in entry.commands)
+
+
+@pytest.mark.parametrize("entry", ENTRIES, ids=lambda entry: entry.name)
+def test_the_page_states_what_the_list_states(entry):
+    page = (Path(__file__).resolve().parents[2] / entry.where.split(",")[0]).read_text()
+    for figure in entry.figures:
+        if figure.unit and figure.stated not in (0, 100):  # those are said in words
+            value = rf"(?<![\d.]){figure.stated:g}0?(?![\d.]*\d)"
+            assert re.search(value, page), (
+                f"{figure.what}: {figure.stated:g} {figure.unit} is not in {entry.where}"
+            )
 
 
 def test_the_list_and_the_names(capsys):
