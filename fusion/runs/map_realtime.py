@@ -19,7 +19,7 @@ _LABELS_TRIED = 3
 """In a trial every n-th frame is labelled: what one costs is to be measured, not how often there is one."""
 
 
-def fitting_size(sequence: Sequence, config: MapConfig, segmenter: Segmenter | None) -> tuple[int, int]:
+def size_that_keeps_up(sequence: Sequence, config: MapConfig, segmenter: Segmenter | None) -> tuple[int, int]:
     """The (width, height) to map a recording in at its own speed: the first frames are mapped, and thrown away.
 
     Args:

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from corner_frames import FRAMES, record
 
-from dsmap.fusion.runs.map_realtime import fitting_size
+from dsmap.fusion.runs.map_realtime import size_that_keeps_up
 from dsmap.fusion.runs.read_run import load_run
 from dsmap.sequences import open_sequence
 from dsmap.tools.cli import run
@@ -69,5 +69,5 @@ def test_the_size_is_what_the_machine_can_do(recording, monkeypatch, ms_a_pixel,
 
     large, machine = open_sequence(recording).resized((640, 480)), _Clocked(ms_a_pixel)
     monkeypatch.setattr("dsmap.fusion.runs.map_realtime.trial", machine)
-    assert fitting_size(large, MapConfig(depth_max=6.0), None) == expected
+    assert size_that_keeps_up(large, MapConfig(depth_max=6.0), None) == expected
     assert machine.seen == [(640, 480), (480, 360)][: len(machine.seen)]

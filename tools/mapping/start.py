@@ -13,7 +13,7 @@ from dsmap.folders import locked, remove_leftovers
 from dsmap.fusion.config import MapConfig
 from dsmap.fusion.mapper import Mapper
 from dsmap.fusion.runs.checkpoint import load_map, read_metadata, save_map
-from dsmap.fusion.runs.map_realtime import fitting_size
+from dsmap.fusion.runs.map_realtime import size_that_keeps_up
 from dsmap.fusion.runs.map_recording import RunState
 from dsmap.fusion.runs.resume import mapper_in_saved_map, resumed_mapper
 from dsmap.fusion.runs.run_folder import CHECKPOINT
@@ -75,7 +75,7 @@ def start_run(args: Args, sequence: Sequence) -> tuple[RunState, Sequence]:
     _check(args)
     segmenter = make_segmenter(args.spec, torch_device(config.device), code=True)
     if args.realtime and args.size is None and args.localize_in is None:
-        sequence = sequence.resized(fitting_size(sequence, config, segmenter))
+        sequence = sequence.resized(size_that_keeps_up(sequence, config, segmenter))
     saved = checkpoint_of(args.localize_in) if args.localize_in is not None else None
     if saved is not None:
         theirs = _saved_config(saved)
