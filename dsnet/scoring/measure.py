@@ -7,7 +7,7 @@ from typing import Any
 import cv2
 import numpy as np
 from scipy.optimize import minimize_scalar
-from scipy.special import logsumexp
+from scipy.special import logsumexp, softmax
 
 from dsmap.classes import VOID
 from dsmap.dsnet.data import LabelledImages
@@ -42,11 +42,42 @@ def score(segmenter: DSNetSegmenter, data: LabelledImages, *, calibration: bool 
     return scores
 
 
-def fit_temperature(segmenter: DSNetSegmenter, data: LabelledImages, *, seed: int = 0) -> float:
-    """The temperature that minimises the negative log-likelihood of the classes but void (Guo et al. 2017).
+def fit_temperature(segmenter: DSNetSegmenter, *sets: LabelledImages, seed: int = 0) -> float:
+    """The temperature that fits labelled images; void is left out.
 
+    One set: that of the least negative log-likelihood (Guo et al. 2017). Several: that whose largest calibration error
+    (ECE) among the sets is least, since no temperature is right for two worlds of different difficulty.
     At most 2000 labelled pixels of each image are used, chosen by `seed`.
     """
+    samples = [_sampled_logits(segmenter, data, seed) for data in sets]
+    samples = [(z, target) for z, target in samples if len(target)]
+    if not samples:
+        return 1.0
+
+    def worst(log_temperature: float) -> float:
+        scale = np.exp(log_temperature)
+        if len(samples) == 1:
+            return _log_loss(samples[0][0] / scale, samples[0][1])
+        return max(_calibration_error(z / scale, target) for z, target in samples)
+
+    best: Any = minimize_scalar(worst, bounds=(-3, 3) if len(samples) == 1 else (-1, 1), method="bounded")
+    return float(np.exp(best.x))
+
+
+def _log_loss(logits: np.ndarray, target: np.ndarray) -> float:
+    return float(np.mean(logsumexp(logits, axis=1) - logits[np.arange(len(target)), target]))
+
+
+def _calibration_error(logits: np.ndarray, target: np.ndarray) -> float:
+    reliability = Reliability()
+    reliability.add((target + 1)[None], softmax(logits, axis=1)[None])
+    return reliability.ece()
+
+
+def _sampled_logits(
+    segmenter: DSNetSegmenter, data: LabelledImages, seed: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Logits at the network's prior, float64 (N, classes - 1), and true classes (N,), both without void."""
     rng = np.random.default_rng(seed)
     logits, targets = [], []
     for i in range(len(data)):
@@ -57,16 +88,7 @@ def fit_temperature(segmenter: DSNetSegmenter, data: LabelledImages, *, seed: in
         chosen = rng.permutation(chosen)[:_PIXELS_A_IMAGE]
         logits.append(z.reshape(-1, z.shape[2])[chosen, 1:])
         targets.append(label[chosen].astype(np.int64) - 1)
-    z, target = np.concatenate(logits).astype(np.float64), np.concatenate(targets)
-    if not len(target):
-        return 1.0
-
-    def nll(log_temperature: float) -> float:
-        scaled = z / np.exp(log_temperature)
-        return float(np.mean(logsumexp(scaled, axis=1) - scaled[np.arange(len(target)), target]))
-
-    best: Any = minimize_scalar(nll, bounds=(-3, 3), method="bounded")
-    return float(np.exp(best.x))
+    return np.concatenate(logits).astype(np.float64), np.concatenate(targets)
 
 
 @dataclass(frozen=True)

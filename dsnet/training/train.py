@@ -53,6 +53,7 @@ def train(
     log: bool = False,
     notes: dict | None = None,
     label_map: str | None = None,
+    calibrate: Sequence[Path] = (),
 ) -> dict:
     """Train a network; `out` gets `best.safetensors` (calibrated), `model-card.md`, `checkpoint.safetensors`,
     `history.json`. Under torchrun, every process takes its share of each batch (see `ranks`).
@@ -67,6 +68,7 @@ def train(
         log: write TensorBoard events to `out`/log, if the library is there.
         notes: what else the weights' header shall say (command, licence).
         label_map: how the label images of both are read (see `open_set`).
+        calibrate: more labelled data sets that the temperature shall fit beside `val`.
 
     Returns:
         the record of the best validation: step, class_avg, miou, pixel_acc, temperature, ...
@@ -95,7 +97,11 @@ def train(
             return ranks.of_first(None)
         about = {"data": [str(path) for path in data], "val": str(val), "stages": earlier_stages(init)}
         about |= pace(state, config, ranks)
-        return ranks.of_first(finish(out, held_back, {**run, **about, **(notes or {})}, ranks.device))
+        more = [
+            LabelledImages(open_set(path, label_map), with_geometry=with_geometry, progress=progress)
+            for path in calibrate
+        ]
+        return ranks.of_first(finish(out, held_back, {**run, **about, **(notes or {})}, ranks.device, more))
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,7 @@
 """Validation of a training: averaged weights with fresh statistics, scored, kept if they are the best, calibrated."""
 
 import copy
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -33,8 +34,14 @@ def averaged_model(state: State, stream: AugmentedStream) -> nn.Module:
     class average. The first samples of the stream serve at every validation.
     """
     model = copy.deepcopy(state.ema.module)
+    measure_batch_norms(model, stream, BN_IMAGES)
+    return model.eval()
+
+
+def measure_batch_norms(model: nn.Module, stream: AugmentedStream, count: int) -> None:
+    """Mean and variance of every batch norm over the first `count` samples of a stream."""
     device = next(model.parameters()).device
-    count = min(BN_IMAGES, len(stream))
+    count = min(count, len(stream))
     batches = [range(k, min(k + stream.config.batch, count)) for k in range(0, count, stream.config.batch)]
     torch.manual_seed(stream.config.seed)  # of dropout
     with torch.no_grad():
@@ -42,7 +49,6 @@ def averaged_model(state: State, stream: AugmentedStream) -> nn.Module:
         stacked = ([np.stack(part) for part in sample] for sample in samples)
         reads_geometry = model.config.channels > 3  # type: ignore[union-attr]
         update_bn((to_input(rgb, *more[:reads_geometry]).to(device) for rgb, _, *more in stacked), model)
-    return model.eval()
 
 
 def weights_info(net: NetConfig, stream: AugmentedStream, weights: Tensor) -> WeightsInfo:
@@ -82,13 +88,19 @@ def validate(
     written_or_warned("history.json", _GOES_ON, write_json, out / "history.json", state.history)
 
 
-def finish(out: Path, data: LabelledImages, run: dict, device: str) -> dict:
-    """Calibrate the best weights and write them back with what they are made of."""
+def finish(
+    out: Path, data: LabelledImages, run: dict, device: str, calibrate: Sequence[LabelledImages] = ()
+) -> dict:
+    """Calibrate the best weights and write them back with what they are made of.
+
+    Args:
+        calibrate: more sets that the temperature shall fit (see `fit_temperature`).
+    """
     path = out / "best.safetensors"
     model, info = load_weights(path, data.class_names)
     info.temperature = 1.0
     segmenter = DSNetSegmenter(copy.deepcopy(model), info, device)  # folded: a copy
-    info.temperature = fit_temperature(segmenter, data)
+    info.temperature = fit_temperature(segmenter, data, *calibrate)
     scores = score(segmenter, data, calibration=True)
     info.notes = {
         **run,

@@ -13,11 +13,12 @@ torch = pytest.importorskip("torch")
 
 from tiny_training import CONFIG, MILD, TINY, coloured_rectangles, weights_hash  # noqa: E402
 
-from dsmap.dsnet.checkpoint import load_weights  # noqa: E402
+from dsmap.dsnet.checkpoint import SHIPPED, load_weights  # noqa: E402
 from dsmap.dsnet.data import LabelledImages  # noqa: E402
 from dsmap.dsnet.datasets.base import Example  # noqa: E402
 from dsmap.dsnet.datasets.registry import open_set  # noqa: E402
 from dsmap.dsnet.training import train as training  # noqa: E402
+from dsmap.dsnet.training.average import mean_of  # noqa: E402
 from dsmap.dsnet.training.copy_paste import Donors, paste, pick_object  # noqa: E402
 from dsmap.errors import InputError  # noqa: E402
 from dsmap.tools import cli  # noqa: E402
@@ -97,7 +98,7 @@ def test_a_recipe_trains_all_stages_the_same_twice_and_resumes(images, tmp_path,
 
 def test_shipped_recipes_are_options_of_train_and_mistakes_are_named(tmp_path):
     for name in ("dsnet-p-nyuv2", "dsnet-nyuv2", "voc-nyu"):
-        for stage in load_recipe(name):
+        for stage in load_recipe(name).stages:
             assert parse_stage(stage, Args, tmp_path).data
     assert words({"net": {"geometry": True}, "size": [1, 2]}) == ["--net.geometry", "--size", "1", "2"]
     with pytest.raises(InputError, match="no such file"):
@@ -108,7 +109,31 @@ def test_shipped_recipes_are_options_of_train_and_mistakes_are_named(tmp_path):
         load_recipe(str(file))
     file.write_text("stages: [{stepz: 4}]")
     with pytest.raises(InputError, match="stepz"):
-        parse_stage(load_recipe(str(file))[0], Args, tmp_path)
+        parse_stage(load_recipe(str(file)).stages[0], Args, tmp_path)
+    file.write_text("average: 2\nstages: [{steps: 4}]")
+    with pytest.raises(InputError, match="found average 2, expected how many of its 1 stages"):
+        load_recipe(str(file))
+
+
+def test_a_recipe_may_average_its_last_stages(images, tmp_path, capsys):
+    file = tmp_path / "recipe.yaml"
+    file.write_text(RECIPE.replace("stages:", "calibrate: ['${set}']\naverage: 2\nstages:"))
+    base = ["--recipe", str(file), "--places", f"set={images}", "--workers", "0", "--no-log"]
+    assert cli.run("train", [*base, "--out", str(tmp_path / "out")]) == 0, capsys.readouterr().err
+    first, second, mean = (
+        load_weights(tmp_path / "out" / where / "best.safetensors")[0].state_dict()
+        for where in ("1-first", "2-second", ".")
+    )
+    name = next(key for key in mean if key.endswith("conv.weight") or mean[key].ndim == 4)
+    assert not torch.equal(first[name], second[name])
+    torch.testing.assert_close(mean[name], (first[name] + second[name]) / 2)
+    _, info = load_weights(tmp_path / "out" / "best.safetensors")
+    assert (
+        "mean of the weights of stages 1-first, 2-second" in (tmp_path / "out" / "model-card.md").read_text()
+    )
+    assert len(info.notes["stages"]) == 2 and info.notes["validation"]["step"] == 5
+    with pytest.raises(InputError, match="expected that of"):
+        mean_of([tmp_path / "out" / "best.safetensors", SHIPPED["dsnet"]])
 
 
 def test_the_log_holds_losses_and_validations(images, tmp_path):

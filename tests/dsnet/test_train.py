@@ -210,7 +210,11 @@ def test_temperature_undoes_a_known_scaling(images):
         label = 1 + (p.cumsum(axis=2) < rng.random((32, 32, 1))).sum(axis=2).clip(max=12)
         fake.answers.append(z)
         data.append(Example(np.zeros((32, 32, 3), np.uint8), label.astype(np.uint8)))
+    answers = list(fake.answers)
     assert abs(fit_temperature(fake, data) - 3) < 0.15
+    # A second set whose logits are right as they are: one temperature between, where both are equally wrong.
+    fake.answers = [*answers, *[z / 3 for z in answers]]
+    assert 1.2 < fit_temperature(fake, data, data) < 2.6
 
 
 def test_score_matches_a_hand_count(images):

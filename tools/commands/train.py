@@ -26,6 +26,8 @@ class Args:
     NYUv2 (its .mat file), SUN RGB-D, ScanNet frames, PASCAL VOC, SBD. All of the same classes."""
     val: Path | None = None
     """Data set to validate with, PATH or PATH@SPLIT: other rooms than those of `data`."""
+    calibrate: tuple[Path, ...] = ()
+    """More labelled data sets that the temperature shall fit as well as `val`: the largest calibration error counts."""
     label_map: str | None = None
     """Which classes the label images of `data` and `val` hold, if not the 13: nyu40, scannet, or a file of ids, names
     or colours (docs/guide/labels.md)."""
@@ -95,16 +97,18 @@ def run_stage(args: Args) -> dict:
         log=args.log,
         notes=notes,
         label_map=args.label_map,
+        calibrate=args.calibrate,
     )
 
 
 def run_recipe(args: Args, first: bool) -> dict:
-    """Train all stages, each from the weights of the one before; the last one's weights lie in `out` itself."""
+    """Train all stages, each from the weights of the one before; the last one's weights, or the average that the recipe
+    asks for, lie in `out` itself."""
     if args.data or args.val:
         raise InputError("found --data or --val beside --recipe, expected them in the recipe (see --places)")
+    recipe = load_recipe(args.recipe or "", args.places)
     stages = [
-        parse_stage(stage, Args, args.out / stage.name)
-        for stage in load_recipe(args.recipe or "", args.places)
+        parse_stage(stage, Args, args.out / stage.name) for stage in recipe.stages
     ]  # all of them first: the last one's mistake shows before the first one trains
     weights, best = args.init, None
     for stage in stages:
@@ -121,12 +125,37 @@ def run_recipe(args: Args, first: bool) -> dict:
         if best is None:
             best = run_stage(stage)
         weights = stage.out / "best.safetensors"
+    if recipe.average > 1 and first:
+        best = average_stages(stages[-recipe.average :], replace(args, out=args.out / "average"))
+        weights = args.out / "average" / "best.safetensors"
     if first:
         for name in ("best.safetensors", "model-card.md"):
             with atomic_path(args.out / name) as temporary:
-                shutil.copyfile(stages[-1].out / name, temporary)
+                shutil.copyfile(weights.parent / name, temporary)
     assert best is not None
     return best
+
+
+def average_stages(stages: list[Args], args: Args) -> dict:
+    """Average the weights of trained stages into `args.out`; the record of the validation."""
+    from dsmap.dsnet.training.average import average
+
+    last = stages[-1]
+    notes = {"command": f"mean of the weights of stages {', '.join(stage.out.name for stage in stages)}"}
+    if licence := args.licence_note or last.licence_note:
+        notes["licence"] = licence
+    assert last.val is not None
+    return average(
+        [stage.out / "best.safetensors" for stage in stages],
+        last.data,
+        last.val,
+        args.out,
+        last.train,
+        calibrate=last.calibrate,
+        device=args.device,
+        notes=notes,
+        label_map=last.label_map,
+    )
 
 
 def finished_stage(stage: Args) -> dict | None:

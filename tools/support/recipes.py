@@ -14,7 +14,7 @@ from dsmap.errors import InputError
 from dsmap.plain import brief, read_yaml
 from dsmap.ranges import as_flag, check_ranges
 
-_OPTIONS = ("about", "places", "stages")
+_OPTIONS = ("about", "places", "stages", "average")
 """Keys of a recipe that are no options of a stage."""
 
 
@@ -27,15 +27,24 @@ class Stage:
     """Options of `dsmap train` but `--out`, `--init`, `--resume`, `--device` and `--workers`."""
 
 
-def load_recipe(name: str, places: tuple[str, ...] = ()) -> list[Stage]:
-    """The stages of a recipe.
+@dataclass(frozen=True)
+class Recipe:
+    """Stages one after the other."""
+
+    stages: list[Stage]
+    average: int = 1
+    """The finished weights are the mean of so many last stages' weights."""
+
+
+def load_recipe(name: str, places: tuple[str, ...] = ()) -> Recipe:
+    """The stages of a recipe, and what becomes of their weights.
 
     Args:
         name: a YAML file, or the name of a recipe that comes with dsmap.
         places: NAME=PATH of the data that the recipe calls `${NAME}`.
 
     Raises:
-        InputError: no such recipe, no stages, or a place that is not given.
+        InputError: no such recipe, no stages, a place that is not given, or an average of stages that are not there.
     """
     folder = resources.files("dsmap.tools") / "recipes"
     path = Path(name)
@@ -73,7 +82,12 @@ def load_recipe(name: str, places: tuple[str, ...] = ()) -> list[Stage]:
                 f"--recipe {name}: place {error} is not given, expected --places NAME=PATH"
             ) from error
         result.append(Stage(label, argv))
-    return result
+    count = recipe.get("average", 1)
+    if not isinstance(count, int) or isinstance(count, bool) or not 1 <= count <= len(result):
+        raise InputError(
+            f"--recipe {name}: found average {brief(count)}, expected how many of its {len(result)} stages"
+        )
+    return Recipe(result, count)
 
 
 def words(options: dict[str, Any], prefix: str = "--") -> list[str]:
