@@ -11,6 +11,8 @@ from dsmap.sequences import Sequence
 
 _KINECT_REACH = 4.0
 """Metres to which Kinect-like sensors are made to measure."""
+_STABLE_WEIGHT, _USUAL_RATE, _LEAST_STABLE = 10.0, 30.0, 2.0
+"""A surfel is stable after so many measurements at so many frames a second, and never after fewer than the least."""
 _MAX_READOUT_S = 0.1
 """Nobody reads an image for longer than three frames."""
 
@@ -92,8 +94,9 @@ class SurfelConfig:
     max_ray_distance: three sigma of a Kinect-like sensor."""
     max_angle: Annotated[float, Range(0, 3.2, above=True)] = 0.5
     """Association: largest angle between normals [rad]."""
-    stable_weight: Annotated[float, Range(0, 1e6)] = 10.0
-    """A surfel is stable from this confidence on."""
+    stable_weight: Annotated[float | None, Range(0, 1e6)] = None
+    """A surfel is stable from this confidence on, which is about its number of measurements; without it 10, and of a
+    recording with less than 30 frames a second as many fewer, but 2: there a surface is seen in fewer frames."""
     unstable_frames: Frames = 20
     """An unstable surfel not seen for this many frames is dropped."""
     clean_every: Every = 3
@@ -352,6 +355,11 @@ class MapConfig:
         return self.depth_min, _KINECT_REACH if self.depth_max is None else self.depth_max
 
     @property
+    def stable_weight(self) -> float:
+        """Confidence from which a surfel is stable."""
+        return _STABLE_WEIGHT if self.surfels.stable_weight is None else self.surfels.stable_weight
+
+    @property
     def shutter_s(self) -> float:
         """Time from an image's first row to its last [s]; 0: all rows at once."""
         return self.readout_s or 0.0
@@ -372,4 +380,8 @@ class MapConfig:
             raise InputError(
                 f"readout_s is {readout}; expected seconds from an image's first row to its last, e.g. 0.026"
             )
+        if self.surfels.stable_weight is None:
+            weight = _STABLE_WEIGHT * min((sequence.frame_rate or _USUAL_RATE) / _USUAL_RATE, 1.0)
+            stable = max(float(round(weight)), _LEAST_STABLE)  # rounded: 29.97 frames a second are 30
+            resolved.surfels = dataclasses.replace(self.surfels, stable_weight=stable)
         return dataclasses.replace(resolved, depth_max=far)

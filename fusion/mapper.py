@@ -253,7 +253,7 @@ class Mapper:
     def up(self) -> np.ndarray:
         """Which way is up in the world's frame, from the whole map so far: a unit vector, shape (3,)."""
         now = copy.copy(self.labeller.gravity)  # looking between two frames must not change what follows
-        now.update(self.surfels, self.config.surfels.stable_weight, self.trajectory)
+        now.update(self.surfels, self.config.stable_weight, self.trajectory)
         return self.T_world_camera[:3, :3] @ now.in_camera(self.T_world_camera)
 
     @property

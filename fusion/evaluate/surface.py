@@ -47,7 +47,7 @@ def evaluate_surface(
     mesh = read_mesh(reference.path / MESH_FILE)
     surfels = run.surfels.numpy()
     alive = surfels["weight"] > 0
-    stable = surfels["weight"][alive] >= run.config.surfels.stable_weight
+    stable = surfels["weight"][alive] >= run.config.stable_weight
     position = surfels["position"][alive].astype(np.float64)
     aligned = position @ alignment[:3, :3].T + alignment[:3, 3]
     distance, face, _ = _closest(aligned, mesh, run)
@@ -121,6 +121,6 @@ def _missing(run: SavedRun, reference: Sequence, alignment: np.ndarray | None) -
         return f"the reference has no {MESH_FILE}"
     if alignment is None:
         return "the reference has no poses"
-    if not (run.surfels.numpy()["weight"] >= run.config.surfels.stable_weight).any():
+    if not (run.surfels.numpy()["weight"] >= run.config.stable_weight).any():
         return "the map has no stable surfel"
     return ""

@@ -116,7 +116,7 @@ def _points(job: ExportJob, out: Path) -> str:
 
 
 def _splat(job: ExportJob, out: Path) -> str:
-    return f"{write_splat(out, job.surfels, job.mapped.config.surfels.stable_weight):,} Gaussians"
+    return f"{write_splat(out, job.surfels, job.mapped.config.stable_weight):,} Gaussians"
 
 
 def _occupancy(job: ExportJob, out: Path) -> str:

@@ -20,7 +20,7 @@ def level_transform(run: SavedRun) -> np.ndarray:
     position, normal = surfels["position"][alive], surfels["normal"][alive]
     gravity = copy.copy(run.gravity)
     points = Trajectory.of_arrays(run.times, run.poses, run.tracked, np.full(len(run.times), np.nan))
-    gravity.update(run.surfels, run.config.surfels.stable_weight, points)
+    gravity.update(run.surfels, run.config.stable_weight, points)
     up, floor = gravity.up, gravity.floor
     if up is None:
         up = up_direction(normal, run.poses)

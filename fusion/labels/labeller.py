@@ -51,7 +51,7 @@ class Labeller:
         if self.segmenter is None or frame.time < self.rest_until or not self.schedule.due(T_world_camera):
             return None
         if wants_geometry(self.segmenter):
-            self.gravity.update(surfels, self.config.surfels.stable_weight, trajectory)
+            self.gravity.update(surfels, self.config.stable_weight, trajectory)
         frame = corrected_frame(frame, maps) if self.config.shutter_s else frame
         return segment(self.segmenter, frame, maps, T_world_camera, self.gravity)
 

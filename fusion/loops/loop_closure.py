@@ -220,7 +220,7 @@ class LoopCloser:
             return None
         scale = self.model.cameras[0].width * self.model.cameras[0].height / _VGA_PIXELS
         sized = replace(config.graph, spacing=max(int(config.graph.spacing * scale), 1))
-        graph = DeformationGraph.build(surfels, sized, config.surfels.stable_weight)
+        graph = DeformationGraph.build(surfels, sized, config.stable_weight)
         fit = graph.optimise(Constraints.joined([pairs, self.closed.constraints()]))
         self.rejected = fit.reason
         return graph if fit.accepted else None

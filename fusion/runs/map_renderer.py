@@ -26,7 +26,7 @@ class MapRenderer:
         """Surfel that each pixel sees, int32 (H, W), -1 where none; overwritten by the next call."""
         render_index(
             self.run.surfels, self.camera, T_world_camera, max_depth=self.run.config.depth_range[1],
-            index=self._index, stable_weight=self.run.config.surfels.stable_weight,
+            index=self._index, stable_weight=self.run.config.stable_weight,
         )  # fmt: skip
         return np.asarray(self._index.numpy())
 

@@ -86,7 +86,7 @@ def statistics(mapper: Mapper, skipped: int, wall_s: float) -> dict[str, Any]:
         "map": {
             "frames": frames,
             "surfels": living,
-            "stable_surfels": int((weight >= mapper.config.surfels.stable_weight).sum()),
+            "stable_surfels": int((weight >= mapper.config.stable_weight).sum()),
             "graph_nodes": loops[-1]["nodes"] if loops else 0,
             "local_loops": sum(loop["kind"] == "local" for loop in loops),
             "global_loops": sum(loop["kind"] == "global" for loop in loops),

@@ -76,7 +76,7 @@ class Integrator:
             walk = self.views.blocks.to_clean(walk, time, surfels.unstable_frames)
             prune(
                 self.views.surfels, self._camera, T_world_camera, maps, self._match, time=time,
-                stable_weight=surfels.stable_weight, max_unseen=surfels.unstable_frames, t_min=t_active,
+                stable_weight=self.config.stable_weight, max_unseen=surfels.unstable_frames, t_min=t_active,
                 margin=surfels.max_ray_distance, margin_z2=surfels.ray_distance_z2, walk=walk,
             )  # fmt: skip
         self.views.blocks.measure(walk)

@@ -48,7 +48,7 @@ class SurfelModel:
         self.device = chosen_device(config.device)
         self.cameras = pyramid_cameras(intrinsics, LEVELS)
         self.surfels = SurfelMap.empty(self.device) if surfels is None else surfels
-        self.blocks = Blocks(self.surfels, config.surfels.stable_weight, config.surfels.resolution > 0)
+        self.blocks = Blocks(self.surfels, config.stable_weight, config.surfels.resolution > 0)
         self.views = Views(config, self.blocks, self.cameras)
         self.integrator = Integrator(config, self.views)
         narrow = [level for level, c in enumerate(self.cameras) if c.width <= config.track.view_width]

@@ -84,7 +84,7 @@ class Views:
             visible = self.visible(T_world_camera, t_max if t_max < ALWAYS else None)
         predict_model(
             self.surfels, self.cameras[level], T_world_camera, max_depth=self.config.depth_range[1], maps=maps,
-            stable_weight=self.config.surfels.stable_weight, t_min=t_min, t_max=t_max,
+            stable_weight=self.config.stable_weight, t_min=t_min, t_max=t_max,
             visible=visible, resolution=self.config.surfels.resolution,
         )  # fmt: skip
 

@@ -118,6 +118,15 @@ def test_start_stop_stride_keep_the_index_of_the_recording(tmp_path):
     assert [frame.index for frame in sequence] == [1, 3, 5]
 
 
+def test_the_frame_rate_is_that_of_the_frames_taken(tmp_path):
+    folder = write_tum(tmp_path / "s")
+    times = open_sequence(folder).times
+    for stride in (1, 2):
+        expected = 1 / np.median(np.diff(times[::stride]))
+        assert open_sequence(folder, stride=stride).frame_rate == pytest.approx(expected)
+    assert open_sequence(folder, stop=1).frame_rate is None
+
+
 def test_half_pixel_centres_are_converted(tmp_path):
     folder = write_tum(tmp_path / "s")
     content = yaml.safe_load((folder / "calibration.yaml").read_text())

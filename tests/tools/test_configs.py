@@ -128,16 +128,35 @@ def test_flags_come_before_the_file_and_the_file_before_defaults(tmp_path):
     ("flags", "calibrated", "expected"), [((), None, 4.0), ((), 8.0, 8.0), (("--depth-max", "2.5"), 8.0, 2.5)]
 )
 def test_depth_reaches_as_far_as_the_flag_the_calibration_or_a_kinect_says(flags, calibrated, expected):
-    sequence: Any = SimpleNamespace(depth_max=calibrated, readout_s=0.01)
+    sequence: Any = SimpleNamespace(depth_max=calibrated, readout_s=0.01, frame_rate=None)
     assert parsed(*flags).map.resolved_for(sequence).depth_max == expected
 
 
 def test_rows_are_read_as_fast_as_the_flag_or_the_calibration_says():
-    sequence: Any = SimpleNamespace(depth_max=None, readout_s=0.026)
+    sequence: Any = SimpleNamespace(depth_max=None, readout_s=0.026, frame_rate=None)
     assert parsed().map.resolved_for(sequence).readout_s == 0.026
     assert parsed("--readout-s", "0").map.resolved_for(sequence).readout_s == 0.0
     with pytest.raises(InputError, match="readout_s is 26.0; expected seconds"):
         parsed("--readout-s", "26").map.resolved_for(sequence)
+
+
+@pytest.mark.parametrize(
+    ("flags", "rate", "expected"),
+    [
+        ((), None, 10.0),
+        ((), 60.0, 10.0),
+        ((), 29.97, 10.0),
+        ((), 15.0, 5.0),
+        ((), 6.0, 2.0),
+        ((), 1.0, 2.0),
+        (("--surfels.stable-weight", "7"), 6.0, 7.0),
+    ],
+)
+def test_surfels_are_stable_after_fewer_measurements_where_frames_are_fewer(flags, rate, expected):
+    sequence: Any = SimpleNamespace(depth_max=None, readout_s=0.0, frame_rate=rate)
+    config = parsed(*flags).map
+    assert config.resolved_for(sequence).stable_weight == expected
+    assert config.stable_weight == (7.0 if flags else 10.0)
 
 
 @pytest.mark.parametrize(

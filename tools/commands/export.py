@@ -48,7 +48,7 @@ def main(args: Args) -> None:
     run = load_run(args.run)
     confidence = args.min_confidence
     if confidence is None:
-        confidence = _OF_A_MESH * run.config.surfels.stable_weight if args.to == "mesh" else 0.0
+        confidence = _OF_A_MESH * run.config.stable_weight if args.to == "mesh" else 0.0
     job = ExportJob(
         run, lambda: recording_of(run, args.recording, undistort=True), kind, args.cell, args.stride,
         confidence, args.class_colours,

@@ -120,6 +120,7 @@ def open_live(args: Args) -> tuple[LiveSource, Any]:
     about = SimpleNamespace(
         path=args.source, intrinsics=source.intrinsics, intrinsics_source="the camera", depth_scale=1000.0,
         depth_max=getattr(source, "depth_max", None), readout_s=getattr(source, "readout_s", 0.0),
+        frame_rate=None,
     )  # fmt: skip
     return source, about
 

@@ -96,7 +96,7 @@ class LivePage:
             return
         whole = now - self._whole_at > _ALL_AGAIN_S or moment.result.loop is not None
         surfels = mapper.surfels.numpy()
-        kept = surfels["weight"] >= _STABLE_SHOWN * mapper.config.surfels.stable_weight
+        kept = surfels["weight"] >= _STABLE_SHOWN * mapper.config.stable_weight
         if not whole:
             kept &= surfels["t_updated"] >= self._since
         k = mapper.intrinsics

@@ -138,6 +138,13 @@ class Sequence:
         return np.array([entry.time for entry in self.entries])
 
     @property
+    def frame_rate(self) -> float | None:
+        """Frames a second, by the median distance of the stamps; None where they tell nothing."""
+        steps = np.diff(self.times)
+        step = float(np.median(steps)) if len(steps) else 0.0
+        return 1 / step if step > 0 else None
+
+    @property
     def has_labels(self) -> bool:
         return any(entry.label is not None for entry in self.entries)
 
