@@ -13,6 +13,8 @@ _KINECT_REACH = 4.0
 """Metres to which Kinect-like sensors are made to measure."""
 _STABLE_WEIGHT, _USUAL_RATE, _LEAST_STABLE = 10.0, 30.0, 2.0
 """A surfel is stable after so many measurements at so many frames a second, and never after fewer than the least."""
+_TOGETHER = 0.85
+"""Temperature of the geometric mean: a surfel's views count as 1 / 0.85 independent ones."""
 _MAX_READOUT_S = 0.1
 """Nobody reads an image for longer than three frames."""
 
@@ -118,14 +120,25 @@ class LabelConfig:
     """A frame becomes a keyframe for labels when it has moved this far [m] from the last one."""
     keyframe_angle_deg: Degrees = 6.0
     """A frame becomes a keyframe for labels when it has turned this far [deg] from the last one."""
+    mirror: bool = True
+    """Every second frame that is labelled is shown to the segmenter mirrored: its mistakes differ there, and fusion
+    averages them out, at no cost."""
     floor: Annotated[float, Range(0, 0.07, above=True)] = 1e-3
     """Smallest probability of a class: one zero must not kill a class for good."""
     smooth: Annotated[float, Range(0, 1)] = 0.1
     """Probabilities are averaged over the surface within this radius [m] before they are fused; 0: as they are."""
     sureness: Annotated[float, Range(0, 100)] = 2.0
     """An observation of entropy H weighs (1 - H / log 13) to this power; 0: all alike, as always with bayes (Eq. 5)."""
-    temperature: Annotated[float, Range(0, 1000, above=True)] = 1.0
-    """The posterior's log is divided by this; over-confident products want more than 1."""
+    temperature: Annotated[float | None, Range(0, 1000, above=True)] = None
+    """The posterior's log is divided by this; over-confident products want more than 1. Without it 0.85 for geometric:
+    views that agree are surer together than the mean of them; 1 for the other rules."""
+
+    @property
+    def posterior_temperature(self) -> float:
+        """What the posterior's log is divided by."""
+        if self.temperature is not None:
+            return self.temperature
+        return _TOGETHER if self.rule == "geometric" else 1.0
 
 
 @dataclass

@@ -232,7 +232,7 @@ class Mapper:
     def probabilities(self) -> np.ndarray:
         """Class probabilities of every surfel under the configured rule, shape (N, 13), uniform if unlabelled."""
         labels = self.config.labels
-        return posterior(self.surfels, rule=labels.rule, temperature=labels.temperature)
+        return posterior(self.surfels, rule=labels.rule, temperature=labels.posterior_temperature)
 
     def objects(self, config: SegmentConfig | None = None) -> SceneObjects:
         """The things and the structure of the whole map so far; changes nothing, and takes about a second a million

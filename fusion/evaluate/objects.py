@@ -52,7 +52,7 @@ def evaluate_objects(run: SavedRun, reference: Sequence) -> dict[str, Any]:
         return nothing | {"reason": "needs --poses given and a recording with instances"}
     up = up_of_run(run)
     labels = run.config.labels
-    probabilities = posterior(run.surfels, labels.rule, temperature=labels.temperature)
+    probabilities = posterior(run.surfels, labels.rule, temperature=labels.posterior_temperature)
     scene = find_objects(run.surfels.numpy(), probabilities, up)
     instances = seen_instances(reference, up, run.config.depth_range[1])
     scores = nothing | average_precision(match_boxes(scene, instances), instances)

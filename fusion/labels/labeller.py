@@ -9,6 +9,7 @@ import numpy as np
 from dsmap.frame import Frame, Intrinsics
 from dsmap.fusion.config import MapConfig
 from dsmap.fusion.labels.gravity import MapGravity
+from dsmap.fusion.labels.mirrored import Mirrored
 from dsmap.fusion.labels.segment import segment
 from dsmap.fusion.labels.semantics import Schedule
 from dsmap.fusion.segmenter import Segmenter, wants_geometry
@@ -53,11 +54,15 @@ class Labeller:
         if wants_geometry(self.segmenter):
             self.gravity.update(surfels, self.config.stable_weight, trajectory)
         frame = corrected_frame(frame, maps) if self.config.shutter_s else frame
-        return segment(self.segmenter, frame, maps, T_world_camera, self.gravity)
+        segmenter = Mirrored(self.segmenter) if self.schedule.mirrored else self.segmenter
+        return segment(segmenter, frame, maps, T_world_camera, self.gravity)
 
     def state(self) -> dict[str, Any]:
         """What is carried from frame to frame."""
-        state: dict[str, Any] = {"schedule_frames": self.schedule.frames}
+        state: dict[str, Any] = {
+            "schedule_frames": self.schedule.frames,
+            "schedule_taken": self.schedule.taken,
+        }
         if self.schedule.last is not None:
             state["schedule.last"] = self.schedule.last
         return state | with_prefix("gravity.", self.gravity.state())
@@ -65,4 +70,5 @@ class Labeller:
     def load_state(self, state: dict[str, Any]) -> None:
         """Go on where `state` was taken."""
         self.schedule.frames, self.schedule.last = state["schedule_frames"], state.get("schedule.last")
+        self.schedule.taken = state.get("schedule_taken", 0)  # older checkpoints have none
         self.gravity.load_state(part_of(state, "gravity."))

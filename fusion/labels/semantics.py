@@ -20,19 +20,33 @@ class Schedule:
     def __init__(self, config: LabelConfig):
         self.config = config
         self.frames = 0
+        self.taken = 0
+        """How many of the frames so far were due."""
         self.last: np.ndarray | None = None
 
     def due(self, T_world_camera: np.ndarray) -> bool:
         """Whether this tracked frame is to be segmented. Call once a frame, in order."""
         self.frames += 1
         if self.config.every > 0:
-            return (self.frames - 1) % self.config.every == 0
+            due = (self.frames - 1) % self.config.every == 0
+        else:
+            due = self._is_elsewhere(T_world_camera)
+        self.taken += due
+        return due
+
+    def _is_elsewhere(self, T_world_camera: np.ndarray) -> bool:
+        """Whether the camera has moved enough since the last keyframe; it then is one."""
         if self.last is not None:
             distance, angle = pose_difference(self.last, T_world_camera)
             if distance < self.config.keyframe_distance and angle < self.config.keyframe_angle_deg:
                 return False
         self.last = T_world_camera.copy()
         return True
+
+    @property
+    def mirrored(self) -> bool:
+        """Whether the frame that was due last is to be shown mirrored: every second one, beginning with the second."""
+        return self.config.mirror and self.taken % 2 == 0
 
 
 class GroundTruthSegmenter:

@@ -33,8 +33,8 @@ _ARRAYS: dict[str, tuple[str, tuple[int | str, ...]]] = {
 _FINITE = ("poses", "times", "state.T_world_camera", "state.view.T_world_camera", "state.ferns.poses",
            "state.closed.points", "state.motion.velocity", "state.motion.covariance")  # fmt: skip
 _PLAIN: dict[str, type] = {
-    "first_frame": int, "last_fused": int, "view_t_active": int, "schedule_frames": int, "verified": int,
-    "refused": int, "sweep": list, "sightings": list, "loops": list,
+    "first_frame": int, "last_fused": int, "view_t_active": int, "schedule_frames": int, "schedule_taken": int,
+    "verified": int, "refused": int, "sweep": list, "sightings": list, "loops": list,
 }  # fmt: skip
 _CAMERA = ("width", "height", "fx", "fy", "cx", "cy")
 

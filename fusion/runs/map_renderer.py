@@ -18,7 +18,7 @@ class MapRenderer:
         labels = run.config.labels
         self.run = run
         self.camera = make_camera(camera)
-        self.probabilities = posterior(run.surfels, labels.rule, temperature=labels.temperature)
+        self.probabilities = posterior(run.surfels, labels.rule, temperature=labels.posterior_temperature)
         self.label = run.surfels.numpy()["label"]
         self._index = wp.full((camera.height, camera.width), -1, dtype=wp.int32, device=run.surfels.device)
 

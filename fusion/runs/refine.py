@@ -52,7 +52,7 @@ def refine_map(mapper: Mapper, refine: Refined) -> None:
     """Refine the labels of a mapper's map where it is."""
     labels = mapper.config.labels
     refined, there = refine(mapper.surfels, mapper.probabilities())
-    set_probabilities(mapper.surfels, refined, there, labels.rule, labels.temperature)
+    set_probabilities(mapper.surfels, refined, there, labels.rule, labels.posterior_temperature)
 
 
 def refine_run(run: SavedRun, out: Path, refine: Refined, settings: dict) -> SceneObjects:
@@ -67,8 +67,10 @@ def refine_run(run: SavedRun, out: Path, refine: Refined, settings: dict) -> Sce
         The things of the refined map.
     """
     labels = run.config.labels
-    refined, there = refine(run.surfels, posterior(run.surfels, labels.rule, temperature=labels.temperature))
-    set_probabilities(run.surfels, refined, there, labels.rule, labels.temperature)
+    refined, there = refine(
+        run.surfels, posterior(run.surfels, labels.rule, temperature=labels.posterior_temperature)
+    )
+    set_probabilities(run.surfels, refined, there, labels.rule, labels.posterior_temperature)
     up = up_of_run(run)
     scene = find_objects(run.surfels.numpy(), refined, up)
     set_segments(run.surfels, scene.segment)
