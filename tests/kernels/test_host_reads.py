@@ -43,7 +43,7 @@ SOMETIMES = {
     "kernels/reactivate.py reactivate": 1,
     "fusion/loops/constraints.py constraints": 6,
     "fusion/loops/deformation_graph.py DeformationGraph.build": 1,
-    "fusion/loops/gates.py overlap": 3,
+    "fusion/loops/gates.py view_overlap": 3,
     "fusion/loops/loop_closure.py LoopCloser._bent_graph": 1,
     "fusion/loops/loop_closure.py LoopCloser._try": 1,
     "fusion/places/recovery.py Recovery._coarse": 2,
