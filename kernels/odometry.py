@@ -19,7 +19,10 @@ from dsmap.kernels.shutter import Shutter, make_shutter, moved_by_rows
 from dsmap.kernels.types import Surface, SurfaceImages
 
 SUMS = wp.constant(64)
-"""Sums a residual term: (J, r)^T (J, r, 0) in 7 rows of 8, number of residuals, and a rest that is not used."""
+"""Sums a residual term: (J, r)^T (J, r, 0) in 7 rows of 8, number of residuals, of ICP the number of points with depth,
+and a rest that is not used."""
+SEEN = wp.constant(57)
+"""Where the number of points with depth stands."""
 CUDA_LANES = 32
 _COST = 4
 """A point of `_joint` is about as much work as this many pixels of other kernels: worth a second thread early."""
@@ -90,9 +93,11 @@ def _bilinear2(image: wp.array2d(dtype=wp.vec2), u: wp.vec2, x0: int, y0: int) -
     return (1.0 - b) * top + b * bottom
 
 
-@wp.kernel
-def _joint(
+@wp.func
+def add_row(
     s: Slice,
+    row: int,
+    lane: int,
     camera: Camera,
     T: wp.mat44,
     shutter: Shutter,
@@ -102,16 +107,18 @@ def _joint(
     icp: wp.array(dtype=float),
     rgb: wp.array(dtype=float),
 ):
-    row, lane = wp.tid()
+    """The residuals of the points that a thread of `launch_rows` walks, summed into its own SUMS of both terms."""
     y = (s.first + s.stride * row) * gates.stride
     own = (s.first + s.stride * row) * s.step + lane  # this thread's sums: nobody else adds to them
     for k in range(SUMS):
         icp[own * SUMS + k] = 0.0
         rgb[own * SUMS + k] = 0.0
+    seen = float(0.0)
     for x in range(lane * gates.stride, camera.width, s.step * gates.stride):
         v = frame.vertex[y, x]
         if v[2] <= 0.0:
             continue
+        seen += 1.0
         p = transform(T, moved_by_rows(shutter, v, float(y) - shutter.middle))
         if p[2] <= 0.0:
             continue
@@ -145,6 +152,23 @@ def _joint(
         gy = g[1] * camera.fy / p[2]
         d = wp.vec3(gx, gy, -(gx * p[0] + gy * p[1]) / p[2])
         _add(rgb, own, d, wp.cross(p, d), r, _huber(r, gates.huber_rgb))
+    icp[own * SUMS + SEEN] = seen
+
+
+@wp.kernel
+def _joint(
+    s: Slice,
+    camera: Camera,
+    T: wp.mat44,
+    shutter: Shutter,
+    gates: TrackingGates,
+    frame: SurfaceImages,
+    model: SurfaceImages,
+    icp: wp.array(dtype=float),
+    rgb: wp.array(dtype=float),
+):
+    row, lane = wp.tid()
+    add_row(s, row, lane, camera, T, shutter, gates, frame, model, icp, rgb)
 
 
 @wp.kernel
@@ -227,6 +251,8 @@ class NormalEquations:
     """Sum of the squared residuals."""
     count: int
     """Of the residuals."""
+    seen: int = 0
+    """Of the points that might have had one, since there is depth; of ICP alone."""
 
     def __add__(self, other: "NormalEquations") -> "NormalEquations":
         return NormalEquations(
@@ -238,7 +264,8 @@ class NormalEquations:
         return NormalEquations(weight * self.A, weight * self.b, weight * self.squares, self.count)
 
 
-def _lanes(device: wp.Device) -> int:
+def lanes_of(device: wp.Device) -> int:
+    """Threads a row of a reduction."""
     return CUDA_LANES if device.is_cuda else 1
 
 
@@ -258,9 +285,11 @@ def _unpack(sums: np.ndarray, n: int) -> NormalEquations:
     )
 
 
-def _joint_equations(sums: np.ndarray) -> NormalEquations:
+def joint_equations(sums: np.ndarray) -> NormalEquations:
+    """Of a term's SUMS, shape (SUMS,)."""
     products = sums[:56].reshape(7, 8)
-    return NormalEquations(products[:6, :6], products[:6, 6], float(products[6, 6]), int(sums[56]))
+    count, seen = int(sums[56]), int(sums[SEEN])
+    return NormalEquations(products[:6, :6], products[:6, 6], float(products[6, 6]), count, seen)
 
 
 def gradient(intensity: wp.array, vertex: wp.array | None = None) -> wp.array:
@@ -292,7 +321,7 @@ def joint_normal_equations(
     """
     device = frame.vertex.device
     rows = (camera.height + gates.stride - 1) // gates.stride
-    lanes = _lanes(device)
+    lanes = lanes_of(device)
     partial = [scratch(name, (rows * lanes * SUMS,), float, device) for name in ("icp", "rgb")]
     inputs = [camera, wp.mat44(), make_shutter(camera, None, 0.0), gates, frame.images, model.images]
     launch = record_rows(_joint, rows, _COST * camera.width // gates.stride, inputs, partial, device, lanes)
@@ -306,7 +335,7 @@ def joint_normal_equations(
         launch()
         # Summed in row order, so that the result does not depend on the number of slices.
         icp, rgb = (p.numpy().reshape(-1, SUMS).sum(axis=0, dtype=np.float64) for p in partial)
-        return _joint_equations(icp), _joint_equations(rgb)
+        return joint_equations(icp), joint_equations(rgb)
 
     return at
 
@@ -320,7 +349,7 @@ def rotation_normal_equations(
         A function of R_prev_cur, shape (3, 3), that gives the equations of its turn.
     """
     device = intensity.device
-    lanes = _lanes(device)
+    lanes = lanes_of(device)
     partial = scratch("rotation", (camera.height, lanes), _sums3, device)
     inputs = [camera, wp.mat44(), intensity, last_intensity, last_gradient]
     launch = record_rows(_rotation, camera.height, camera.width, inputs, [partial], device, lanes)

@@ -13,6 +13,7 @@ import warp as wp
 from dsmap.kernels import filters
 from dsmap.kernels.camera import Camera, ray
 from dsmap.kernels.launch import Slice, launch_rows, together
+from dsmap.kernels.runtime import stays_on_device
 from dsmap.kernels.types import FrameMaps
 
 SIGMA_SPACE = 4.5
@@ -151,7 +152,7 @@ def depth_in_range(depth: np.ndarray, depth_min: float, depth_max: float) -> np.
 
 def smooth_depth(depth: np.ndarray, device: wp.Device) -> wp.array:
     """Bilateral filter of clean depth [m], shape (H, W), on the device."""
-    if device.is_cuda:
+    if stays_on_device(device):
         raw = wp.array(depth, dtype=float, device=device)
         out = wp.empty_like(raw)
         filters.bilateral(raw, SIGMA_SPACE, SIGMA_RANGE, out)
@@ -163,7 +164,7 @@ def smooth_depth(depth: np.ndarray, device: wp.Device) -> wp.array:
 
 def colour_map(rgb: np.ndarray, device: wp.Device) -> wp.array:
     """uint8 RGB, shape (H, W, 3), to vec3 in [0, 1], shape (H, W)."""
-    if device.is_cuda:
+    if stays_on_device(device):
         out = wp.empty(rgb.shape[:2], dtype=wp.vec3, device=device)
         filters.colour(wp.array(rgb, dtype=wp.uint8, device=device), out)
         return out
@@ -173,7 +174,7 @@ def colour_map(rgb: np.ndarray, device: wp.Device) -> wp.array:
 
 def intensity_map(colour: wp.array) -> wp.array:
     """Intensity (Rec. 601) of a colour map in [0, 1], shapes (H, W)."""
-    if colour.device.is_cuda:
+    if stays_on_device(colour.device):
         out = wp.empty(colour.shape, dtype=float, device=colour.device)
         filters.intensity(colour, out)
         return out
@@ -183,7 +184,7 @@ def intensity_map(colour: wp.array) -> wp.array:
 def half_image(image: wp.array) -> wp.array:
     """The next pyramid level of an intensity image: the mean of each 2x2 block."""
     height, width = image.shape[0] // 2, image.shape[1] // 2
-    if image.device.is_cuda:
+    if stays_on_device(image.device):
         out = wp.empty((height, width), dtype=float, device=image.device)
         filters.half(image, out)
         return out

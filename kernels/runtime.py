@@ -54,3 +54,11 @@ def chosen_device(name: str) -> wp.Device:
             f"device {name!r} was asked for, but this machine has no CUDA driver; expected --device cpu"
         )
     return wp.get_device(chosen)
+
+
+def stays_on_device(device: wp.Device) -> bool:
+    """Whether what a GPU would compute is computed there, without a look by the host.
+
+    On CUDA; and on a CPU where DSMAP_FORCE_DEVICE_PATH is 1, so that it can be tried without a GPU.
+    """
+    return device.is_cuda or os.environ.get("DSMAP_FORCE_DEVICE_PATH") == "1"

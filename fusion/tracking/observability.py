@@ -20,7 +20,7 @@ _NOISE_OF_NORMALS = 6.0
 """... and this times the variance of the model's normals from pixel to pixel: a new map is noisy."""
 _EDGE = 3.0
 """The mean square of changes of the normal is at most this times their median; what is more are edges."""
-_HELD = 2.4e-3
+HELD = 2.4e-3
 """With more information than this a direction is held in any case: curved things are no noise."""
 _ROWS = 40
 """Normals are looked at in so many rows of an image."""
@@ -113,9 +113,9 @@ def unheld(A: np.ndarray, count: float, depth: float, model: Surface) -> Unheld:
     """
     if count <= 0 or not np.isfinite(A).all():
         return EVERYTHING_HELD
-    xi_from_y = _twist_from_metres(depth)
+    xi_from_y = twist_from_metres(depth)
     values, vectors = np.linalg.eigh(xi_from_y.T @ A @ xi_from_y)
-    if values[0] > _HELD * count:
+    if values[0] > HELD * count:
         return EVERYTHING_HELD
     open_ = values < max(_NOISE, _NOISE_OF_NORMALS * normal_noise(model)) * count
     return Unheld((xi_from_y @ vectors[:, open_]).T, _RIM * depth) if open_.any() else EVERYTHING_HELD
@@ -145,7 +145,7 @@ def at_rest(depth: float) -> np.ndarray:
     return np.diag([1 / _STEP**2] * 3 + [1 / (_STEP / (_RIM * depth)) ** 2] * 3)
 
 
-def _twist_from_metres(depth: float) -> np.ndarray:
+def twist_from_metres(depth: float) -> np.ndarray:
     """From motions of what lies straight ahead, all in metres, to the twist of the camera, shape (6, 6)."""
     T = np.eye(4)
     T[2, 3] = depth

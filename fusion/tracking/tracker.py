@@ -1,5 +1,6 @@
 """Frame-to-model tracking: joint point-to-plane ICP and photometric Gauss-Newton, coarse to fine (Eq. 1-3)."""
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -12,11 +13,21 @@ from dsmap.fusion.lie import exp_se3, inverse, log_se3, solve, uncertainty
 from dsmap.fusion.surfels.model_view import ModelView
 from dsmap.fusion.tracking.image_content import Colours, judged
 from dsmap.fusion.tracking.motion_filter import Expected
-from dsmap.fusion.tracking.observability import EVERYTHING_HELD, Unheld, at_rest, only_held, unheld
+from dsmap.fusion.tracking.observability import (
+    EVERYTHING_HELD,
+    HELD,
+    Unheld,
+    at_rest,
+    only_held,
+    twist_from_metres,
+    unheld,
+)
 from dsmap.fusion.tracking.prealign import RotationAligner
 from dsmap.fusion.tracking.rolling_shutter import RowMotion
 from dsmap.kernels.camera import Camera
 from dsmap.kernels.odometry import NormalEquations, TrackingGates, joint_normal_equations
+from dsmap.kernels.registration import Level, Prior, Rows, register_on_device
+from dsmap.kernels.runtime import stays_on_device
 from dsmap.kernels.types import FrameMaps, Surface
 
 _CONVERGED = 3e-5
@@ -222,6 +233,11 @@ class Tracker:
         icp = rgb = None
         open_, rest, T_start = EVERYTHING_HELD, expected, T_target_source
         depth = _middle_depth(source[-1])
+        if stays_on_device(model.level(-1).vertex.device):
+            found = self._on_device(source, model, T_target_source, iterations, gain, expected, rows, depth)
+            if found is not None:
+                T, icp, rgb = found
+                return T, self._verdict(source[model.finest], model.finest, icp, rgb, open_, diverged=False)
         for level in reversed(range(model.finest, len(self.cameras))):
             surface = source[level]
             assert surface is not None, "a view is coarser than what is registered to it"
@@ -250,6 +266,38 @@ class Tracker:
                     break
         diverged = not np.isfinite(T_target_source).all()
         return T_target_source, self._verdict(source[model.finest], model.finest, icp, rgb, open_, diverged)
+
+    def _on_device(
+        self,
+        source: Sequence[Surface | None],
+        model: ModelView,
+        T_target_source: np.ndarray,
+        iterations: Sequence[int],
+        gain: float | None,
+        expected: Expected | None,
+        rows: RowMotion | None,
+        depth: float,
+    ) -> tuple[np.ndarray, NormalEquations, NormalEquations] | None:
+        """`register` without a look by the host; None where it has to look."""
+        levels = []
+        for level in reversed(range(model.finest, len(self.cameras))):
+            surface = source[level]
+            assert surface is not None, "a view is coarser than what is registered to it"
+            gates = self._gates(level, 1.0 if gain is None else gain)
+            converged = _CONVERGED * 2**level
+            levels.append(
+                Level(self.cameras[level], gates, surface, model.level(level), iterations[level], converged)
+            )
+        if not sum(level.iterations for level in levels):
+            return None
+        moving = None
+        if rows is not None:
+            moving = Rows(rows.readout_s, rows.T_last, rows.seconds, rows.twist(T_target_source))
+        return register_on_device(
+            levels, T_target_source, w_rgb=self.config.w_rgb, rgb_balance=self.config.rgb_balance, held=HELD,
+            from_metres=twist_from_metres(depth), coloured=gain is not None,
+            prior=None if expected is None else Prior(expected.T, expected.information), rows=moving,
+        )  # fmt: skip
 
     def normal_equations(
         self,
@@ -327,9 +375,8 @@ class Tracker:
             infinite = np.full((6, 6), np.inf)
             return Health(False, "no iterations", 0.0, np.inf, np.inf, infinite, 0.0, 0.0, infinite[0])
         config, stride = self.config, self.stride[finest]
-        sampled = source.vertex.numpy()[::stride, ::stride, 2]
-        valid = np.count_nonzero(sampled)
-        fraction = icp.count / max(valid, 1)
+        sampled = math.prod(-(-n // stride) for n in source.vertex.shape)
+        fraction = icp.count / max(icp.seen, 1)
         rms_icp = float(np.sqrt(icp.squares / max(icp.count, 1)))
         rms_rgb = float(np.sqrt(rgb.squares / max(rgb.count, 1)))
         w_rgb = self._w_rgb(icp, rgb)
@@ -343,13 +390,13 @@ class Tracker:
         )
         reasons = [
             (diverged, "the normal equations have no solution"),
-            (valid == 0, "no depth"),
+            (icp.seen == 0, "no depth"),
             (fraction < config.min_inlier_fraction, f"only {fraction:.0%} of the pixels match the model"),
             (rms_icp > config.max_rms, f"point-to-plane RMS {rms_icp * 1e3:.1f} mm"),
             (std > config.max_std, f"pose uncertain by {std * 1e3:.1f} mm or mrad"),
         ]
         reason = next((text for bad, text in reasons if bad), "")
-        scale = _VGA_PIXELS / sampled.size
+        scale = _VGA_PIXELS / sampled
         cofactor = np.diag(uncertainty(scale * only_held(A, np.zeros(6), open_)[0]))
         covariance = covariance + _OPEN**2 * open_.twists.T @ open_.twists
         return Health(

@@ -17,12 +17,11 @@ EVERY_FRAME = {
     "fusion/tracking/tracker.py exposure_gain": 4,
     "fusion/tracking/tracker.py Tracker.colours": 3,
     "fusion/tracking/tracker.py Tracker.remember": 1,
-    "fusion/tracking/tracker.py Tracker._verdict": 1,
     "fusion/tracking/tracker.py _middle_depth": 1,
     "fusion/tracking/observability.py normal_noise": 1,
     "fusion/tracking/moving_things.py MovingThings._depth": 1,
     "fusion/tracking/moving_things.py MovingThings._things": 2,
-    "kernels/odometry.py joint_normal_equations.at": 1,  # an iteration: the 6x6 system is solved on the host
+    "kernels/registration.py register_on_device": 1,  # a registration: the pose, after all its iterations
     "kernels/odometry.py rotation_normal_equations.at": 1,  # an iteration
     "kernels/culling.py Blocks.visible": 3,  # which blocks are walked is decided on the host
     "kernels/culling.py Blocks.to_clean": 2,
@@ -41,6 +40,7 @@ SOMETIMES = {
     "fusion/tracking/moving_things.py with_edges": 1,
     "kernels/moving.py carried_over": 1,
     "kernels/reactivate.py reactivate": 1,
+    "kernels/odometry.py joint_normal_equations.at": 1,  # where starts are compared, or nothing holds the camera
     "fusion/loops/constraints.py constraints": 6,
     "fusion/loops/deformation_graph.py DeformationGraph.build": 1,
     "fusion/loops/gates.py view_overlap": 3,

@@ -90,7 +90,7 @@ def test_lanes_do_not_change_the_sums(monkeypatch):
     gates = Tracker(TrackConfig(), LEVEL_CAMERAS)._gates(0)
     maps = frame[0].surface
     one = odometry.joint_normal_equations(LEVEL_CAMERAS[0], gates, maps, model.level(0))(np.eye(4))
-    monkeypatch.setattr(odometry, "_lanes", lambda device: odometry.CUDA_LANES)
+    monkeypatch.setattr(odometry, "lanes_of", lambda device: odometry.CUDA_LANES)
     many = odometry.joint_normal_equations(LEVEL_CAMERAS[0], gates, maps, model.level(0))(np.eye(4))
     for a, b in zip(one, many, strict=True):
         assert a.count == b.count
