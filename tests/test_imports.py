@@ -25,7 +25,7 @@ ALLOWED = {
 """Folder to the parts of dsmap that it may import."""
 ORDER = {
     "fusion": (
-        "config lie trajectory segmenter state stage_clock", "surfels", "tracking", "labels objects places",
+        "config lie trajectory segmenter state stage_clock calibration", "surfels", "tracking", "labels objects places",
         "loops locator", "mapper", "pictures", "runs exports", "evaluate",
     ),
     "sim_scenes": (

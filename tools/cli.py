@@ -21,6 +21,10 @@ COMMANDS: dict[str, tuple[str, str]] = {
         "Map a camera while it films, or a recording at its own speed, and watch.",
     ),
     "info": ("dsmap.tools.commands.info", "Say what dsmap understands of a recording, without mapping it."),
+    "calibrate": (
+        "dsmap.tools.commands.calibrate",
+        "Find a recording's camera, its times and the place of its depth camera from the recording itself.",
+    ),
     "evaluate": (
         "dsmap.tools.commands.evaluate",
         "Score a run against a reference, or a network on labelled images.",
@@ -112,6 +116,7 @@ USE = (
     "map",
     "live",
     "info",
+    "calibrate",
     "evaluate",
     "view",
     "render-scene",

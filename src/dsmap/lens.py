@@ -81,6 +81,19 @@ def undistort_points(pixels: np.ndarray, camera: Intrinsics) -> np.ndarray:
     return cv2.undistortPoints(points, camera.K, D, criteria=criteria)[:, 0]
 
 
+def project_points(points: np.ndarray, camera: Intrinsics) -> np.ndarray:
+    """Pixels (x, y), shape (N, 2), of points before the camera [m], shape (N, 3), its distortion included."""
+    if camera.distortion is None:
+        return points[:, :2] / points[:, 2:] * (camera.fx, camera.fy) + (camera.cx, camera.cy)
+    D, still, points = (
+        np.array(camera.distortion),
+        np.zeros(3),
+        np.asarray(points, np.float64).reshape(-1, 1, 3),
+    )
+    project = cv2.fisheye.projectPoints if model_of(camera.distortion) == "fisheye" else cv2.projectPoints
+    return project(points, still, still, camera.K, D)[0].reshape(-1, 2)
+
+
 def undistort_maps(camera: Intrinsics) -> tuple[np.ndarray, np.ndarray]:
     """For cv2.remap: x and y in the distorted image of every pixel of the pinhole camera of the same K, (H, W)."""
     size = (camera.width, camera.height)

@@ -20,6 +20,7 @@ _CAMERA_KEYS = ("width", "height", "fx", "fy", "cx", "cy")
 _KEYS = (
     *_CAMERA_KEYS, "pixel_center", "depth_scale", "distortion", "depth_time_offset_s", "readout_s",
     "T_color_depth", "color_camera", "depth_max",
+    "uncertainty", "undetermined",
 )  # fmt: skip
 
 _KINECT_READOUT_S = 0.026
@@ -70,6 +71,10 @@ class Calibration:
     """Rolling shutter: time from an image's first row to its last [s]; 0: all rows at once, negative: from below."""
     depth_max: float | None = None
     """Depth beyond which the sensor is not to be trusted [m]; None: not stated."""
+    uncertainty: dict[str, float] | None = None
+    """Standard deviations by name, as `dsmap calibrate` writes them; nothing computes with them."""
+    undetermined: tuple[str, ...] = ()
+    """Numbers that `dsmap calibrate` could not determine, by name."""
 
     @property
     def stored_colour(self) -> Intrinsics:
@@ -109,6 +114,8 @@ def read_calibration(folder: Path) -> Calibration | None:
         color_camera=_color_camera(path, content.get("color_camera"), shift),
         readout_s=_number(path, content, "readout_s", default=0.0),
         depth_max=_number(path, content, "depth_max", positive=True) if "depth_max" in content else None,
+        uncertainty=_uncertainty(path, content.get("uncertainty")),
+        undetermined=_names(path, content.get("undetermined", [])),
     )
     check_calibration(path, calibration)
     return calibration
@@ -127,6 +134,11 @@ def check_calibration(where: Any, calibration: Calibration) -> None:
 
 def write_calibration(folder: Path, calibration: Calibration) -> None:
     """Write `calibration.yaml` (integer pixel centres) into a folder."""
+    write_calibration_file(folder / CALIBRATION_FILE, calibration)
+
+
+def write_calibration_file(path: Path, calibration: Calibration) -> None:
+    """Write what `read_calibration` reads, under any name."""
     camera = calibration.intrinsics
     content: dict[str, Any] = {
         "width": camera.width,
@@ -152,7 +164,10 @@ def write_calibration(folder: Path, calibration: Calibration) -> None:
         }
     if calibration.depth_max is not None:
         content["depth_max"] = float(calibration.depth_max)
-    write_yaml(folder / CALIBRATION_FILE, content)
+    if calibration.uncertainty is not None:
+        content["uncertainty"] = {name: float(value) for name, value in calibration.uncertainty.items()}
+        content["undetermined"] = list(calibration.undetermined)
+    write_yaml(path, content)
 
 
 def known_default(layout: str, path: Path, width: int, height: int) -> Calibration | None:
@@ -286,6 +301,22 @@ def _whole(path: Path, content: dict, key: str) -> int:
     if value != int(value):
         raise InputError(f"{path}: found {value:g} for {key}, expected a whole number of pixels")
     return int(value)
+
+
+def _uncertainty(path: Path, content: Any) -> dict[str, float] | None:
+    if content is None:
+        return None
+    if not isinstance(content, dict) or not all(isinstance(name, str) for name in content):
+        raise InputError(
+            f"{path}: found uncertainty {brief(content)}, expected names and standard deviations"
+        )
+    return {name: _number(path, content, name) for name in content}
+
+
+def _names(path: Path, content: Any) -> tuple[str, ...]:
+    if not isinstance(content, list) or not all(isinstance(name, str) for name in content):
+        raise InputError(f"{path}: found undetermined {brief(content)}, expected a list of names")
+    return tuple(content)
 
 
 def _transform(path: Path, content: Any) -> np.ndarray | None:
