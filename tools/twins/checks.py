@@ -19,6 +19,7 @@ from dsmap.kernels.label import update_labels
 from dsmap.kernels.label_smooth import smooth_probabilities
 from dsmap.kernels.predict import predict_model
 from dsmap.kernels.prune import prune
+from dsmap.kernels.registration import Level, register_on_device
 from dsmap.kernels.shutter import global_shutter
 from dsmap.kernels.types import FrameMaps, ModelMaps, SurfelMap
 from dsmap.tools.twins import corner, images, surfels
@@ -108,6 +109,30 @@ def _joint(device: Any) -> float:
     arrays[1].append(view.gradient.numpy().astype(np.float64))
     rows = images.joint_rows(corner.LEVEL_CAMERAS[1], T, gates, *arrays)
     return max(_of_equations(got, r) for got, r in zip(found, rows, strict=True))
+
+
+def _registration(device: Any) -> float:
+    """One step on the coarsest level: where the camera is then [m, rad]."""
+    camera, tracker = corner.LEVEL_CAMERAS[2], Tracker(TrackConfig(), corner.LEVEL_CAMERAS)
+    second = _frame(device, exp_se3(np.array([0.02, -0.01, 0.015, 0.01, 0.02, -0.01])))[2]
+    first = _frame(device)[0]
+    view = ModelView(first.vertex, first.normal, first.intensity, 3, np.eye(4)).level(2)
+    gates, config = tracker._gates(2), tracker.config
+    found = register_on_device(
+        [Level(camera, gates, second.surface, view, iterations=1, converged=0.0)], np.eye(4), w_rgb=config.w_rgb,
+        rgb_balance=config.rgb_balance, held=0.0, from_metres=np.eye(6), coloured=True, prior=None, rows=None,
+    )  # fmt: skip
+    arrays = [
+        [getattr(s, n).numpy().astype(np.float64) for n in ("vertex", "normal", "intensity")]
+        for s in (second, view)
+    ]
+    arrays[1].append(view.gradient.numpy().astype(np.float64))
+    terms = [images.normal_equations(r) for r in images.joint_rows(camera, np.eye(4), gates, *arrays)]
+    means = [squares / count for _, _, squares, count in terms]
+    w = min(config.w_rgb, config.rgb_balance * means[0] / means[1])
+    (A, b, *_), (A_rgb, b_rgb, *_) = terms
+    xi = np.linalg.solve(A + w * A_rgb, b + w * b_rgb)
+    return float("inf") if found is None else float(np.abs(found[0] - exp_se3(xi)).max())
 
 
 def _rotation(device: Any) -> float:
@@ -211,6 +236,7 @@ CHECKS: dict[str, Check] = {
     "half surface": Check(_half_surface, 1e-5),
     "gradient": Check(_gradient, 1e-5),
     "joint normal equations": Check(_joint, 0.02),
+    "registration": Check(_registration, 1e-4),
     "rotation normal equations": Check(_rotation, 1e-3),
     "rolling shutter": Check(_shutter, 1e-4),
     "association": Check(_associate, 0.0),
