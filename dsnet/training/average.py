@@ -21,7 +21,7 @@ from dsmap.dsnet.training.validate import finish, measure_batch_norms
 from dsmap.errors import InputError
 from dsmap.folders import locked, remove_leftovers
 
-BN_IMAGES = 704
+_BN_IMAGES = 704
 """Whole training images that the batch norms of the average are measured on."""
 _WHOLE = AugmentConfig(
     scale=(1.0, 1.0),
@@ -74,9 +74,9 @@ def average(
         model.load_state_dict(mean_of(files))
         images, held_back = read_data(data, val, info.config.channels > 3, progress, label_map)
         size = config.working_size or config.size
-        whole = replace(config, size=size, steps=max(1, BN_IMAGES // config.batch))
+        whole = replace(config, size=size, steps=max(1, _BN_IMAGES // config.batch))
         stream = AugmentedStream(images, _WHOLE, whole, info.config.channels > 3)
-        measure_batch_norms(model.to(torch.device(device)), stream, BN_IMAGES)
+        measure_batch_norms(model.to(torch.device(device)), stream, _BN_IMAGES)
         stages = earlier_stages(files[-1])
         info.notes = {
             "validation": {"step": sum(stage["train"]["steps"] for stage in stages if "train" in stage)}

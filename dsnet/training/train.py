@@ -88,19 +88,13 @@ def train(
         state = begin_training(out, net, config, run, init, resume, ranks)
         stream = AugmentedStream(images, augmentation, config, with_geometry)
         weights = class_weights(images, config.balance, config.shares, config.balance_power)
-        master = None
-        if teacher is not None:
-            trained = drawn_shares(images, config.shares) * weights
-            master = Teacher(teacher, images.class_names, trained, ranks.device)
+        master = _teacher(teacher, images, drawn_shares(images, config.shares) * weights, ranks)
         loop(state, stream, held_back, weights, TrainingJob(out, run, ranks, workers, progress, log, master))
         if not ranks.first:
             return ranks.of_first(None)
         about = {"data": [str(path) for path in data], "val": str(val), "stages": earlier_stages(init)}
         about |= pace(state, config, ranks)
-        more = [
-            LabelledImages(open_set(path, label_map), with_geometry=with_geometry, progress=progress)
-            for path in calibrate
-        ]
+        more = [_labelled(path, label_map, with_geometry, progress) for path in calibrate]
         return ranks.of_first(finish(out, held_back, {**run, **about, **(notes or {})}, ranks.device, more))
 
 
@@ -116,6 +110,17 @@ class TrainingJob:
     progress: bool
     log: bool
     teacher: Teacher | None = None
+
+
+def _labelled(path: Path, label_map: str | None, with_geometry: bool, progress: bool) -> LabelledImages:
+    return LabelledImages(open_set(path, label_map), with_geometry=with_geometry, progress=progress)
+
+
+def _teacher(
+    weights: Path | str | None, images: LabelledImages, trained: np.ndarray, ranks: Ranks
+) -> Teacher | None:
+    """The network whose answers are learnt, if any; `trained` is what each class weighs in training."""
+    return None if weights is None else Teacher(weights, images.class_names, trained, ranks.device)
 
 
 def run_record(

@@ -21,7 +21,7 @@ from dsmap.dsnet.training.sample_stream import AugmentedStream
 from dsmap.dsnet.training.state import State
 from dsmap.files import atomic_path, write_json, written_or_warned
 
-BN_IMAGES = 256
+_BN_IMAGES = 256
 """Training images that the batch norms of averaged weights are measured on."""
 
 _GOES_ON = "training goes on"
@@ -34,7 +34,7 @@ def averaged_model(state: State, stream: AugmentedStream) -> nn.Module:
     class average. The first samples of the stream serve at every validation.
     """
     model = copy.deepcopy(state.ema.module)
-    measure_batch_norms(model, stream, BN_IMAGES)
+    measure_batch_norms(model, stream, _BN_IMAGES)
     return model.eval()
 
 

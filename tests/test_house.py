@@ -1,4 +1,7 @@
-"""No name stands for two things: what a module offers under a name, no other module offers under the same one."""
+"""Rules of CONTRIBUTING: no name stands for two things, functions and files have an end.
+
+What a module offers under a name, no other module offers under the same one.
+"""
 
 import ast
 from collections import defaultdict
@@ -19,6 +22,7 @@ SAME_ROLE = {
     "INTRINSICS": "the camera of each scene of the twins",
 }
 """Names that several modules offer because they play the same part in all of them."""
+MOST_LINES, MOST_LINES_OF_A_FUNCTION = 400, 60
 
 
 def offered(file: Path) -> set[str]:
@@ -33,15 +37,18 @@ def offered(file: Path) -> set[str]:
     return {name for name in names if not name.startswith("_")}
 
 
+def files() -> list[Path]:
+    return [file for folder in FOLDERS for file in sorted((REPOSITORY / folder).rglob("*.py"))]
+
+
 def modules() -> dict[str, list[str]]:
     """Files that offer each name. A NumPy twin has the name of its kernel: `tools/twins` counts apart."""
     found = defaultdict(list)
-    for folder in FOLDERS:
-        for file in sorted((REPOSITORY / folder).rglob("*.py")):
-            where = file.relative_to(REPOSITORY).as_posix()
-            if not where.startswith("tools/twins/"):
-                for name in offered(file):
-                    found[name].append(where)
+    for file in files():
+        where = file.relative_to(REPOSITORY).as_posix()
+        if not where.startswith("tools/twins/"):
+            for name in offered(file):
+                found[name].append(where)
     return found
 
 
@@ -54,3 +61,12 @@ def test_every_exception_is_one():
     twins = [offered(file) for file in (REPOSITORY / "tools/twins").glob("*.py")]
     count = {name: len(modules()[name]) + sum(name in names for names in twins) for name in SAME_ROLE}
     assert [name for name, times in count.items() if times < 2] == []
+
+
+def test_functions_and_files_have_an_end():
+    long = [file.name for file in files() if len(file.read_text().splitlines()) > MOST_LINES]
+    for file in files():
+        found = [n for n in ast.walk(ast.parse(file.read_text())) if isinstance(n, ast.FunctionDef)]
+        lines = {node.name: (node.end_lineno or 0) - node.lineno + 1 for node in found}
+        long += [f"{file.name} {name}" for name, count in lines.items() if count > MOST_LINES_OF_A_FUNCTION]
+    assert long == []
