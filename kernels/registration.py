@@ -122,6 +122,24 @@ def _finite(xi: vec6d) -> bool:
     return fine
 
 
+@wp.func
+def _move_to(T: wp.mat44d, rules: StepRules, a: StepArrays):
+    """Make a pose the guess of the next step, and the camera's motion that it tells that of its rows."""
+    pose = wp.mat44()
+    for i in range(4):
+        for k in range(4):
+            a.state[_POSE + 4 * i + k] = T[i, k]
+            pose[i, k] = wp.float32(T[i, k])
+    a.pose[0] = pose
+    if rules.seconds > wp.float64(0.0):
+        between = inverse(a.T_last[0]) * T
+        if nearly_half_turn(between):
+            a.state[_UNDECIDED] = wp.float64(1.0)
+        motion = log_se3(between) / rules.seconds
+        a.twist[0] = wp.vec3(wp.float32(motion[0]), wp.float32(motion[1]), wp.float32(motion[2]))
+        a.twist[1] = wp.vec3(wp.float32(motion[3]), wp.float32(motion[4]), wp.float32(motion[5]))
+
+
 @wp.kernel
 def _step(s: Slice, level: int, converged: wp.float64, rules: StepRules, a: StepArrays):
     thread = s.first + s.stride * wp.tid()
@@ -171,20 +189,7 @@ def _step(s: Slice, level: int, converged: wp.float64, rules: StepRules, a: Step
         if undecided or not definite or not _finite(xi):
             state[_UNDECIDED] = one
             return
-        T = exp_se3(xi) * T
-        pose = wp.mat44()
-        for i in range(4):
-            for k in range(4):
-                state[_POSE + 4 * i + k] = T[i, k]
-                pose[i, k] = wp.float32(T[i, k])
-        a.pose[0] = pose
-        if rules.seconds > wp.float64(0.0):
-            between = inverse(a.T_last[0]) * T
-            if nearly_half_turn(between):
-                state[_UNDECIDED] = one
-            motion = log_se3(between) / rules.seconds
-            a.twist[0] = wp.vec3(wp.float32(motion[0]), wp.float32(motion[1]), wp.float32(motion[2]))
-            a.twist[1] = wp.vec3(wp.float32(motion[3]), wp.float32(motion[4]), wp.float32(motion[5]))
+        _move_to(exp_se3(xi) * T, rules, a)
         largest = wp.float64(0.0)
         for k in range(6):
             largest = wp.max(largest, wp.abs(xi[k]))
@@ -216,7 +221,7 @@ class Prior:
 
 
 @dataclass(frozen=True)
-class Rows:
+class MovingRows:
     """How the poses tell the camera's motion while rows are read: see `rolling_shutter.RowMotion`."""
 
     readout_s: float
@@ -236,7 +241,7 @@ def register_on_device(
     from_metres: np.ndarray,
     coloured: bool,
     prior: Prior | None,
-    rows: Rows | None,
+    rows: MovingRows | None,
 ) -> tuple[np.ndarray, NormalEquations, NormalEquations] | None:
     """All Gauss-Newton iterations of Eq. 3, coarse to fine; the host reads once, at the end.
 
@@ -284,7 +289,7 @@ def _arrays(
     T: np.ndarray,
     from_metres: np.ndarray,
     prior: Prior | None,
-    rows: Rows | None,
+    rows: MovingRows | None,
     device: Any,
 ) -> StepArrays:
     def one(value: np.ndarray, dtype: Any) -> wp.array:

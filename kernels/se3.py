@@ -23,7 +23,7 @@ def rotation_of(T: wp.mat44d) -> wp.mat33d:
 
 
 @wp.func
-def rigid(R: wp.mat33d, t: wp.vec3d) -> wp.mat44d:
+def rigid_transform(R: wp.mat33d, t: wp.vec3d) -> wp.mat44d:
     """The rigid transform of a rotation and a translation."""
     zero, one = wp.float64(0.0), wp.float64(1.0)
     return wp.mat44d(
@@ -36,7 +36,7 @@ def rigid(R: wp.mat33d, t: wp.vec3d) -> wp.mat44d:
 def inverse(T: wp.mat44d) -> wp.mat44d:
     """Of a rigid transform."""
     R = wp.transpose(rotation_of(T))
-    return rigid(R, -(R * wp.vec3d(T[0, 3], T[1, 3], T[2, 3])))
+    return rigid_transform(R, -(R * wp.vec3d(T[0, 3], T[1, 3], T[2, 3])))
 
 
 @wp.func
@@ -54,7 +54,7 @@ def exp_se3(xi: vec6d) -> wp.mat44d:
         bend = (one - wp.cos(angle)) / (angle * angle)
         R = wp.identity(n=3, dtype=wp.float64) + sine / angle * W + bend * W2
         V = wp.identity(n=3, dtype=wp.float64) + bend * W + (angle - sine) / (angle * angle * angle) * W2
-    return rigid(R, V * wp.vec3d(xi[0], xi[1], xi[2]))
+    return rigid_transform(R, V * wp.vec3d(xi[0], xi[1], xi[2]))
 
 
 @wp.func

@@ -22,6 +22,8 @@ SAME_ROLE = {
     "INTRINSICS": "the camera of each scene of the twins",
 }
 """Names that several modules offer because they play the same part in all of them."""
+TWINS = ("tools/twins/", "kernels/se3.py")
+"""What does the same as something else by other means, with its names: kernels in NumPy, `fusion/lie.py` in Warp."""
 MOST_LINES, MOST_LINES_OF_A_FUNCTION = 400, 60
 
 
@@ -42,11 +44,11 @@ def files() -> list[Path]:
 
 
 def modules() -> dict[str, list[str]]:
-    """Files that offer each name. A NumPy twin has the name of its kernel: `tools/twins` counts apart."""
+    """Files that offer each name. A NumPy twin has the name of its kernel: `TWINS` count apart."""
     found = defaultdict(list)
     for file in files():
         where = file.relative_to(REPOSITORY).as_posix()
-        if not where.startswith("tools/twins/"):
+        if not where.startswith(TWINS):
             for name in offered(file):
                 found[name].append(where)
     return found

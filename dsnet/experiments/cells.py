@@ -11,7 +11,7 @@ from dsmap import plain
 from dsmap.errors import InputError
 from dsmap.files import as_read_back, atomic_path, write_json
 
-Report = Callable[[str], None]
+ExperimentReport = Callable[[str], None]
 """Takes a line for people."""
 
 
@@ -27,7 +27,7 @@ class Cell:
     """Folder to result, as JSON has it; goes on where it was interrupted."""
 
 
-def run_cells(cells: Sequence[Cell], out: Path, report: Report = print) -> dict[str, dict]:
+def run_cells(cells: Sequence[Cell], out: Path, report: ExperimentReport = print) -> dict[str, dict]:
     """The results of all cells, by name; a cell that is in `out` already is not computed again.
 
     Raises:

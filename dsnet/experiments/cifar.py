@@ -12,7 +12,7 @@ import numpy as np
 from dsmap.dsnet.checkpoint import record_of
 from dsmap.dsnet.config import ClassifierConfig, DeconvNetConfig, DSNetConfig
 from dsmap.dsnet.datasets.cifar import CIFAR_CLASSES, ClassifiedImages, folds, load_cifar10
-from dsmap.dsnet.experiments.cells import Cell, Report, run_cells, write_table
+from dsmap.dsnet.experiments.cells import Cell, ExperimentReport, run_cells, write_table
 from dsmap.dsnet.experiments.plots import plot_curves
 from dsmap.dsnet.training.classify import ClassifyConfig, train_classifier
 from dsmap.errors import InputError
@@ -52,7 +52,9 @@ DECONVNET_SETTINGS = {name: replace(setting, stem_stride=1) for name, setting in
 """VGG-16 begins with the full size: so does DS-Net beside it."""
 
 
-def cifar_lk(data: Path, out: Path, setting: CifarSetting, report: Report = print, **where: Any) -> dict:
+def cifar_lk(
+    data: Path, out: Path, setting: CifarSetting, report: ExperimentReport = print, **where: Any
+) -> dict:
     """Accuracy over epochs for L in {3, 4, 5} (K = 16) and K in {8, 16, 32} (L = 4): Fig. 6 and 7.
 
     Args:
@@ -79,7 +81,7 @@ def cifar_lk(data: Path, out: Path, setting: CifarSetting, report: Report = prin
 
 
 def cifar_deconvnet(
-    data: Path, out: Path, setting: CifarSetting, report: Report = print, **where: Any
+    data: Path, out: Path, setting: CifarSetting, report: ExperimentReport = print, **where: Any
 ) -> dict:
     """DS-Net's encoder (L = 4, K = 16) against DeconvNet's, both with global pooling: Fig. 8.
 
@@ -135,7 +137,7 @@ def _dsnet(layers: int, growth: int, dropout: float) -> DSNetConfig:
 
 
 def _train_all(
-    nets: dict[str, Any], data: Path, out: Path, setting: CifarSetting, report: Report, where: dict
+    nets: dict[str, Any], data: Path, out: Path, setting: CifarSetting, report: ExperimentReport, where: dict
 ) -> dict[str, dict]:
     """Train every network on every fold with every seed; name to mean and runs."""
     unknown = [name for name in setting.cells if name not in nets]

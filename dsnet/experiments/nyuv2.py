@@ -12,7 +12,7 @@ from dsmap.dsnet.config import AugmentConfig, DSNetConfig, NetConfig, TrainConfi
 from dsmap.dsnet.data import LabelledImages
 from dsmap.dsnet.datasets.base import Example, Item, LabelledSet
 from dsmap.dsnet.datasets.registry import open_set
-from dsmap.dsnet.experiments.cells import Cell, Report, run_cells, write_table
+from dsmap.dsnet.experiments.cells import Cell, ExperimentReport, run_cells, write_table
 from dsmap.dsnet.experiments.plots import plot_bars, plot_curves
 from dsmap.dsnet.experiments.segment import SCORE_COLUMNS, TrainingRun, score_row, training_cell
 from dsmap.dsnet.inference.predict import load_segmenter
@@ -110,7 +110,11 @@ CURVE_SETTINGS = {
 
 
 def nyuv2_table(
-    data: Path, weights: Sequence[Path], out: Path, images: int | None = None, report: Report = print
+    data: Path,
+    weights: Sequence[Path],
+    out: Path,
+    images: int | None = None,
+    report: ExperimentReport = print,
 ) -> dict:
     """Recall of every class at 320x240 of networks on single frames, beside the rows of the paper's Table 4.
 
@@ -155,7 +159,12 @@ def nyuv2_table(
 
 
 def rendered_curve(
-    nyu: Path, rendered: Path, out: Path, setting: CurveSetting, report: Report = print, **where: Any
+    nyu: Path,
+    rendered: Path,
+    out: Path,
+    setting: CurveSetting,
+    report: ExperimentReport = print,
+    **where: Any,
 ) -> dict:
     """NYUv2-13 validation scores over the share of a rendered set that the network was trained on before.
 

@@ -14,7 +14,7 @@ from dsmap.dsnet.config import (
     TrainConfig,
 )
 from dsmap.dsnet.datasets.base import VOC_CLASS_NAMES
-from dsmap.dsnet.experiments.cells import Report, run_cells, write_table
+from dsmap.dsnet.experiments.cells import ExperimentReport, run_cells, write_table
 from dsmap.dsnet.experiments.plots import plot_bars
 from dsmap.dsnet.experiments.segment import SCORE_COLUMNS, TrainingRun, loadable, score_row, training_cell
 from dsmap.dsnet.experiments.voc_view import voc_view
@@ -61,7 +61,7 @@ SETTINGS = {
 
 
 def voc_lk(
-    data: Sequence[Path], out: Path, setting: VocSetting, report: Report = print, **where: Any
+    data: Sequence[Path], out: Path, setting: VocSetting, report: ExperimentReport = print, **where: Any
 ) -> dict:
     """mIoU for L in {3, 4, 5} and K in {8, 16, 32}, and of DeconvNet: Table 2.
 
@@ -118,7 +118,12 @@ def voc_lk(
 
 
 def voc_nyu(
-    data: Sequence[Path], nyu: Path, out: Path, setting: VocSetting, report: Report = print, **where: Any
+    data: Sequence[Path],
+    nyu: Path,
+    out: Path,
+    setting: VocSetting,
+    report: ExperimentReport = print,
+    **where: Any,
 ) -> dict:
     """The paper's recipe: train on VOC 2012 + SBD, then fine-tune on NYUv2-13; and NYUv2-13 alone beside it.
 

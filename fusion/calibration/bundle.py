@@ -51,7 +51,7 @@ class Tracks:
 
 
 @dataclass
-class Scale:
+class ResidualScale:
     """How large residuals are: robust standard deviations."""
 
     pixel: float
@@ -142,7 +142,7 @@ class Window:
         depth = _in_depth_camera(self._when_measured(cameras).points, cameras)
         return self._pixels_off(cameras.colour, colour), self._depth_off(cameras.depth, depth)
 
-    def reduced(self, rig: Rig, vector: np.ndarray, scale: Scale) -> Reduced:
+    def reduced(self, rig: Rig, vector: np.ndarray, scale: ResidualScale) -> Reduced:
         """The window's normal equations at some corrections (S,).
 
         Args:

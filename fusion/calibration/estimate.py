@@ -5,13 +5,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dsmap.fusion.calibration.bundle import Reduced, Scale, Window
+from dsmap.fusion.calibration.bundle import Reduced, ResidualScale, Window
 from dsmap.fusion.calibration.rig import Cameras, Rig
 
 _LEAST_ROUNDS, _ROUNDS = 5, 40
 _DONE = 0.1
 """The search ends when no correction moves by more than this share of its standard deviation."""
-_SHARPEST = Scale(0.02, 1e-4)
+_SHARPEST = ResidualScale(0.02, 1e-4)
 """No image is better than this [px, 1/m]."""
 _FEWEST_FOR_SPREAD = 3
 """Windows from which their disagreement tells how sure the corrections are."""
@@ -26,7 +26,7 @@ class Estimate:
     """Corrections, in the order of `rig.names`, shape (S,)."""
     covariance: np.ndarray
     """Of the corrections, shape (S, S)."""
-    scale: Scale
+    scale: ResidualScale
     """Robust standard deviations of the residuals."""
     observations: int
     with_depth: int
@@ -74,7 +74,9 @@ def estimate(rig: Rig, windows: Sequence[Window], start: np.ndarray | None = Non
     )
 
 
-def _normal_equations(rig: Rig, windows: Sequence[Window], vector: np.ndarray) -> tuple[Scale, list[Reduced]]:
+def _normal_equations(
+    rig: Rig, windows: Sequence[Window], vector: np.ndarray
+) -> tuple[ResidualScale, list[Reduced]]:
     """Every window's part, with depth read where its points are now."""
     cameras = rig.cameras(vector)
     for window in windows:
@@ -83,14 +85,14 @@ def _normal_equations(rig: Rig, windows: Sequence[Window], vector: np.ndarray) -
     return scale, [window.reduced(rig, vector, scale) for window in windows]
 
 
-def _scale(windows: Sequence[Window], cameras: Cameras) -> Scale:
+def _scale(windows: Sequence[Window], cameras: Cameras) -> ResidualScale:
     """Robust standard deviations of what the windows see now."""
     pixels, depths = [], []
     for window in windows:
         off, depth_off = window.residuals(cameras)
         pixels.append(off.ravel())
         depths.append(depth_off[window.has_depth])
-    return Scale(
+    return ResidualScale(
         max(_deviation(np.concatenate(pixels)), _SHARPEST.pixel),
         max(_deviation(np.concatenate(depths)), _SHARPEST.inverse_depth),
     )

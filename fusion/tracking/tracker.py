@@ -11,6 +11,7 @@ import warp as wp
 from dsmap.fusion.config import TrackConfig
 from dsmap.fusion.lie import exp_se3, inverse, log_se3, solve, uncertainty
 from dsmap.fusion.surfels.model_view import ModelView
+from dsmap.fusion.tracking.exposure import exposure_gain
 from dsmap.fusion.tracking.image_content import Colours, judged
 from dsmap.fusion.tracking.motion_filter import Expected
 from dsmap.fusion.tracking.observability import (
@@ -26,22 +27,12 @@ from dsmap.fusion.tracking.prealign import RotationAligner
 from dsmap.fusion.tracking.rolling_shutter import RowMotion
 from dsmap.kernels.camera import Camera
 from dsmap.kernels.odometry import NormalEquations, TrackingGates, joint_normal_equations
-from dsmap.kernels.registration import Level, Prior, Rows, register_on_device
+from dsmap.kernels.registration import Level, MovingRows, Prior, register_on_device
 from dsmap.kernels.runtime import stays_on_device
 from dsmap.kernels.types import FrameMaps, Surface
 
 _CONVERGED = 3e-5
 """A step below this (metres and radians alike) ends a level: a sixtieth of a pixel at 1 m."""
-_DARK, _BRIGHT = 0.02, 0.98
-"""Intensities beyond these tell nothing about exposure."""
-_MIN_SHARED = 0.05
-"""Share of the image that exposure is measured on, at least."""
-_ALIKE = 0.05
-"""Images too dark or too bright to measure it are alike if their medians differ by less than this."""
-_MOST_GAIN = 2.0
-"""Images whose exposures differ by more than this factor are not compared: noise and saturation remain."""
-_STEADY = 0.03
-"""A ratio of intensities this near to 1 is what motion alone makes of it: no change of exposure."""
 _OPEN = 0.1
 """Standard deviation [m] of a pose in directions that nothing holds."""
 _UNMATCHED = 0.02
@@ -75,34 +66,6 @@ class Health:
     """Whether the frame's colours can be compared with the model's; where not, depth alone decided."""
     unheld: Unheld = EVERYTHING_HELD
     """Directions, of xi in exp(xi^) T_view_camera, that neither depth nor colours tell anything about."""
-
-
-def exposure_gain(frame: Surface, model: Surface) -> float | None:
-    """How much darker (> 1) the frame was exposed than the model: the median ratio of intensities.
-
-    Cameras with automatic exposure change it by a tenth and more within a second, which Eq. 2 would take for
-    motion. Between two frames hardly anything moves on the coarsest level, so the same pixels are compared: those
-    with depth in both views, neither black nor saturated.
-
-    Args:
-        frame, model: one level of both.
-
-    Returns:
-        A factor between 0.5 and 2; 1 where too little is seen in both; None where the images cannot be compared.
-    """
-    light, reference = frame.intensity.numpy(), model.intensity.numpy()
-    shared = (frame.vertex.numpy()[..., 2] > 0) & (model.vertex.numpy()[..., 2] > 0)
-    enough = _MIN_SHARED * shared.size
-    if np.count_nonzero(shared) < enough:
-        return 1.0
-    telling = shared & (light > _DARK) & (light < _BRIGHT) & (reference > _DARK) & (reference < _BRIGHT)
-    if np.count_nonzero(telling) < enough:
-        return 1.0 if abs(np.median(light[shared]) - np.median(reference[shared])) < _ALIKE else None
-    # Not the ratio of means: a dark picture that leaves the image in a fast turn would pass for a change of exposure.
-    gain = float(np.median(reference[telling] / light[telling]))
-    if not 1 / _MOST_GAIN <= gain <= _MOST_GAIN:
-        return None
-    return gain if abs(gain - 1) > _STEADY else 1.0
 
 
 def _without_colour(icp: NormalEquations, rgb: NormalEquations) -> tuple[NormalEquations, NormalEquations]:
@@ -292,7 +255,7 @@ class Tracker:
             return None
         moving = None
         if rows is not None:
-            moving = Rows(rows.readout_s, rows.T_last, rows.seconds, rows.twist(T_target_source))
+            moving = MovingRows(rows.readout_s, rows.T_last, rows.seconds, rows.twist(T_target_source))
         return register_on_device(
             levels, T_target_source, w_rgb=self.config.w_rgb, rgb_balance=self.config.rgb_balance, held=HELD,
             from_metres=twist_from_metres(depth), coloured=gain is not None,

@@ -14,7 +14,7 @@ _READS = ("numpy", "item", "synchronize", "synchronize_device", "synchronize_str
 EVERY_FRAME = {
     "fusion/stage_clock.py StageClock.stage": 1,  # a stage: what it measures is what has run
     "fusion/locator.py Locator._find": 1,  # too little depth?
-    "fusion/tracking/tracker.py exposure_gain": 4,
+    "fusion/tracking/exposure.py exposure_gain": 4,
     "fusion/tracking/tracker.py Tracker.colours": 3,
     "fusion/tracking/tracker.py Tracker.remember": 1,
     "fusion/tracking/tracker.py _middle_depth": 1,

@@ -9,8 +9,9 @@ import warp as wp
 from dsmap.fusion.config import TrackConfig
 from dsmap.fusion.lie import exp_se3, exp_so3, inverse, log_se3, rotation_angle
 from dsmap.fusion.surfels.model_view import ModelView
+from dsmap.fusion.tracking.exposure import exposure_gain
 from dsmap.fusion.tracking.motion_filter import Expected
-from dsmap.fusion.tracking.tracker import Tracker, exposure_gain
+from dsmap.fusion.tracking.tracker import Tracker
 from dsmap.kernels import odometry
 from dsmap.kernels.preprocess import preprocess
 from dsmap.tools.twins import images as reference

@@ -44,7 +44,7 @@ def main(args: Args) -> None:
     )  # fmt: skip
     depth = sample_depth(sequence)
     moving, found = describe_moving(sequence)
-    rows = [*describe(sequence), *moving, *describe_depth(depth)]
+    rows = [*describe_recording(sequence), *moving, *describe_depth(depth)]
     width = max(len(name) for name, _ in rows)
     for name, text in rows:
         print(f"{name:<{width}}  {text}")
@@ -55,7 +55,7 @@ def main(args: Args) -> None:
         print(f"warning: {warning}")
 
 
-def describe(sequence: Sequence) -> list[tuple[str, str]]:
+def describe_recording(sequence: Sequence) -> list[tuple[str, str]]:
     """Name and text of everything that is known without decoding frames."""
     k, recording, times = sequence.intrinsics, sequence.recording, sequence.times
     pairs = len(recording.entries)

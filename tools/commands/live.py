@@ -25,7 +25,7 @@ from dsmap.stopping import exit_code
 from dsmap.tools.live.sources import LiveSource, open_source
 from dsmap.tools.mapping.options import Args as MapArgs
 from dsmap.tools.mapping.options import plain_values
-from dsmap.tools.mapping.output import report, write_run
+from dsmap.tools.mapping.output import report_run, write_run
 from dsmap.tools.mapping.segmenters import SegmenterSpec, make_segmenter
 from dsmap.tools.mapping.start import check_new, claimed, torch_device
 from dsmap.tools.support.parse import parse_size
@@ -91,7 +91,7 @@ def main(args: Args) -> int:
             frames.close()
             if mapper.time:
                 save()
-        report(state, args.out)
+        report_run(state, args.out)
         stopped = asked_to_stop()
     return exit_code(stopped) if stopped else 0
 

@@ -17,7 +17,7 @@ from dsmap.stopping import exit_code
 from dsmap.tools.mapping.checks import check_recording, verdict, without_partner
 from dsmap.tools.mapping.help import help_text
 from dsmap.tools.mapping.options import Args
-from dsmap.tools.mapping.output import draw_pictures, remove_pictures, report, write_run
+from dsmap.tools.mapping.output import draw_pictures, remove_pictures, report_run, write_run
 from dsmap.tools.mapping.presets import write_preset
 from dsmap.tools.mapping.spelling import spelled_out
 from dsmap.tools.mapping.start import check_new, checkpoint_of, claimed, default_args, start_run
@@ -76,7 +76,7 @@ def main(args: Args) -> int:
                 attempt(draw_pictures, args.out, state, sequence)
             else:
                 remove_pictures(args.out)
-            report(state, args.out, whole)
+            report_run(state, args.out, whole)
         stopped = asked_to_stop()
     return exit_code(stopped) if stopped else verdict(state, sequence)
 

@@ -103,7 +103,7 @@ def remove_pictures(out: Path) -> None:
         (out / "pictures").rmdir()
 
 
-def report(state: RunState, out: Path, whole: bool = True) -> None:
+def report_run(state: RunState, out: Path, whole: bool = True) -> None:
     """Say in a few lines what came out, and where it is, if the whole of it could be written."""
     stats = statistics(state.mapper, len(state.skipped), 0.0)
     tracking, speed, found = stats["tracking"], stats["speed"], stats["map"]

@@ -10,7 +10,7 @@ from dsmap.sequences.associate import pose_vector
 from dsmap.sequences.lists import in_order_of_time
 from dsmap.sequences.seven_scenes import is_rigid
 from dsmap.sequences.stamps import SECONDS, Unit, unit_of
-from dsmap.sequences.text import Line, is_number, read_lines, read_text
+from dsmap.sequences.text import TextLine, is_number, read_lines, read_text
 
 _FARTHEST_M = 1e7
 """No camera is further from where it began, not even in millimetres."""
@@ -57,7 +57,7 @@ def _rows(path: Path, notes: list[str]) -> tuple[list[str], list[np.ndarray]]:
     order = _columns(path)
     words: list[str] = []
     rows: list[np.ndarray] = []
-    bad: list[Line] = []
+    bad: list[TextLine] = []
     lines = read_lines(path)
     if (whole := _table(lines, order)) is not None:
         return whole
@@ -81,7 +81,7 @@ def _rows(path: Path, notes: list[str]) -> tuple[list[str], list[np.ndarray]]:
     return words, rows
 
 
-def _table(lines: list[Line], order: list[int]) -> tuple[list[str], list[np.ndarray]] | None:
+def _table(lines: list[TextLine], order: list[int]) -> tuple[list[str], list[np.ndarray]] | None:
     """The same of a file whose every line is a pose of eight numbers, at once; None where one is not."""
     words = [line.words for line in lines]
     if not words or any(len(row) != 8 for row in words):

@@ -18,7 +18,7 @@ _LONGEST_NUMBER, _LARGEST_NUMBER = 60, 1e30
 
 
 @dataclass(frozen=True)
-class Line:
+class TextLine:
     """A line of a list that is no comment."""
 
     number: int
@@ -54,9 +54,9 @@ def read_text(path: Path) -> str:
     raise InputError(f"{path}: not readable as text, expected UTF-8 or UTF-16")
 
 
-def read_lines(path: Path) -> list[Line]:
+def read_lines(path: Path) -> list[TextLine]:
     """The lines of a text file that are neither empty nor comments."""
-    lines = [Line(number, line.strip()) for number, line in enumerate(read_text(path).splitlines(), 1)]
+    lines = [TextLine(number, line.strip()) for number, line in enumerate(read_text(path).splitlines(), 1)]
     return [line for line in lines if line.text and not line.text.startswith(COMMENTS)]
 
 
