@@ -88,6 +88,19 @@ def test_nerfstudio_camera_sees_the_same_point(recording: Path, tmp_path: Path) 
     assert (tmp_path / "out" / frame["file_path"]).is_file()
 
 
+def test_what_nerfstudio_is_given_is_read_back(recording: Path, tmp_path: Path) -> None:
+    sequence = open_sequence(recording)
+    export_nerfstudio(sequence, tmp_path / "out")
+    again = open_sequence(tmp_path / "out")
+    assert again.layout == "transforms.json"
+    np.testing.assert_allclose(again.intrinsics.K, CAMERA.K, rtol=0, atol=1e-12)
+    for i in range(2):
+        ours, theirs = sequence.frame(i), again.frame(i)
+        np.testing.assert_array_equal(theirs.rgb, ours.rgb)
+        np.testing.assert_allclose(theirs.depth, ours.depth, atol=6e-4)  # whole millimetres
+        np.testing.assert_allclose(theirs.T_world_camera, POSE, atol=1e-12)
+
+
 def test_a_recording_without_labels_or_poses_is_said_to_be_one(tmp_path: Path) -> None:
     with SequenceWriter(tmp_path / "bare", CAMERA) as writer:
         writer.write(0.0, np.zeros((40, 48, 3), np.uint8), np.ones((40, 48)))

@@ -201,7 +201,7 @@ def write_nerfstudio(path: Path, shots: list[Shot]) -> Path:
             }
         )
     c = CAMERA
-    camera = {"w": c.width, "h": c.height, "fl_x": c.fx, "fl_y": c.fy, "cx": c.cx, "cy": c.cy}
+    camera = {"w": c.width, "h": c.height, "fl_x": c.fx, "fl_y": c.fy, "cx": c.cx + 0.5, "cy": c.cy + 0.5}
     content = {"camera_model": "OPENCV", **camera, "frames": frames[::-1]}
     (path / "transforms.json").write_text(json.dumps(content))
     return path

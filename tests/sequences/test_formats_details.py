@@ -412,3 +412,46 @@ def test_a_calibration_beside_a_log_goes_before_what_is_assumed(tmp_path: Path):
         f"width: 96\nheight: 72\nfx: {c.fx}\nfy: {c.fy}\ncx: {c.cx}\ncy: {c.cy}\ndepth_scale: 1000\n"
     )
     assert open_sequence(path).intrinsics == CAMERA
+
+
+@pytest.mark.parametrize("name", ["realsense", "ros2-mcap-file", "scannet-sens", "klg", "record3d", "azure-kinect"])
+def test_a_folder_that_holds_one_file_of_a_recording_is_that_recording(name: str, tmp_path: Path):
+    path = written(CASES[name], tmp_path / "recording")
+    (path.parent / "metadata.yaml").unlink(missing_ok=True)  # a ROS 2 bag of several parts has one
+    (path.parent / "readme.txt").write_text("scanned by hand\n")
+    (path.parent / "._room.bag").write_bytes(b"of a Mac")
+    (path.parent / "notes").mkdir()
+    alone, within = open_sequence(path), open_sequence(path.parent)
+    assert len(within) == len(alone) and within.intrinsics == alone.intrinsics
+    said = any(path.name in note and "only recording" in note for note in within.notes)
+    assert said or within.layout in ("ros", "realsense"), "a folder of parts of a bag is a bag"
+    shutil.copy(path, path.with_name("second" + path.suffix))
+    with pytest.raises(InputError, match=r"is a recording"):
+        open_sequence(path.parent)
+
+
+def test_a_folder_that_holds_an_archive_is_that_archive(tmp_path: Path):
+    sequence_files.write_tum(tmp_path / "in" / "room")
+    (tmp_path / "out").mkdir()
+    shutil.make_archive(str(tmp_path / "out" / "room"), "zip", tmp_path / "in")
+    assert len(open_sequence(tmp_path / "out")) == len(open_sequence(tmp_path / "in" / "room"))
+
+
+def test_names_of_a_format_in_capital_letters(tmp_path: Path):
+    path = written(CASES["stray-scanner"], tmp_path / "recording")
+    expected = open_sequence(path)
+    frame = expected.frame(3)
+    for child in list(path.iterdir()):
+        child.rename(child.with_name(child.name.upper()))
+    found = open_sequence(path)
+    assert found.layout == "stray-scanner" and len(found) == len(expected)
+    assert found.intrinsics == expected.intrinsics and found.has_poses
+    np.testing.assert_array_equal(found.frame(3).rgb, frame.rgb)
+    np.testing.assert_array_equal(found.frame(3).depth, frame.depth)
+
+
+@pytest.mark.parametrize("name", ["realsense", "ros2-mcap-file", "scannet-sens", "klg", "record3d", "azure-kinect"])
+def test_suffixes_in_capital_letters(name: str, tmp_path: Path):
+    path = written(CASES[name], tmp_path / "recording")
+    loud = path.rename(path.with_suffix(path.suffix.upper()))
+    assert len(list(open_sequence(loud))) == COUNT

@@ -48,7 +48,7 @@ FILES = {
     ),
     "intrinsics.json": json.dumps({"width": 64, "height": 48, "fx": FX, "fy": FY, "ppx": CX, "ppy": CY}),
     "transforms.json": json.dumps(
-        {"w": 64, "h": 48, "fl_x": FX, "fl_y": FY, "cx": CX, "cy": CY, "frames": []}
+        {"w": 64, "h": 48, "fl_x": FX, "fl_y": FY, "cx": CX + 0.5, "cy": CY + 0.5, "frames": []}
     ),
     "calibration.txt": f"{FX} {FY} {CX} {CY}\n",
     "intrinsics.txt": ROWS + "\n",

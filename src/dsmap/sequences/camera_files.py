@@ -270,7 +270,9 @@ def _stated(own: dict[str, Any], is_by_columns: bool) -> Iterator[tuple[float, f
     for keys in _KEYS:
         values = [_number(own.get(key)) for key in keys]
         if None not in values:
-            yield tuple(values)  # type: ignore[misc]
+            shift = 0.5 if keys[0] == "fl_x" else 0.0  # nerfstudio's pixels have their centre at one half
+            fx, fy, cx, cy = (float(v) for v in values if v is not None)
+            yield fx, fy, cx - shift, cy - shift
     for focal, centre in _PAIRS:
         f, c = (_number_list(own.get(key)) for key in (focal, centre))
         if f and c and len(f) <= 2 and len(c) == 2:

@@ -73,9 +73,11 @@ def open_sequence(
         raise InputError(
             f"size: found {size[0]}x{size[1]}, expected a width and height of at least one pixel"
         )
-    folder = _found(Path(path))
+    inner, folder = _found(Path(path))
     stored = read_calibration(folder)
     recording = _sound(read_recording(folder, stored, options))
+    if inner is not None:
+        recording.notes.insert(0, f"{inner.name} is read, the only recording in {path}")
     if asks_to_be_turned(recording.entries[0].rgb):
         recording.notes.append(
             "colour images ask to be turned (EXIF); their pixels are taken as stored, as depth's are"
@@ -86,14 +88,19 @@ def open_sequence(
     return Sequence(recording, calibration, size, _chosen(recording, start, stop, stride), undistort)
 
 
-def _found(path: Path) -> Path:
-    """The folder or file that a path names; of an archive, the recording in it."""
+def _found(path: Path) -> tuple[Path | None, Path]:
+    """The file that a folder holds instead of being a recording itself, if so, and the folder or file to read.
+
+    Of an archive that is the recording in it.
+    """
     with reading(path, "a recording's folder or file"):
         if not path.exists():
             raise InputError(f"{path}: found nothing, expected a recording's folder or file")
         if not path.is_dir():
             check_plain(path, "a recording's folder or file")
-    return unpack(path, is_recording) if is_archive(path) else path
+        inner = only_file_in(path)
+    found = inner or path
+    return inner, unpack(found, is_recording) if is_archive(found) else found
 
 
 def _calibrated(
@@ -155,6 +162,15 @@ def _read(folder: Path, stored: Calibration | None, options: Options) -> Recordi
         f"{folder}: not a recording; looked for rgb.txt and depth.txt (TUM), frame-*.depth.png (7-Scenes), "
         f"depth/ beside image/ or color/ (Redwood), and the formats of docs/guide/recordings.md; found {found}{hint}"
     )
+
+
+def only_file_in(folder: Path) -> Path | None:
+    """The one file of a folder that is a recording or an archive; None where the folder is itself a recording."""
+    if not folder.is_dir() or is_recording(folder):
+        return None
+    files = [f for f in sorted(folder.iterdir()) if f.is_file() and not f.name.startswith(".")]
+    found = [f for f in files if is_archive(f) or is_recording(f)]
+    return found[0] if len(found) == 1 else None
 
 
 def is_recording(path: Path) -> bool:

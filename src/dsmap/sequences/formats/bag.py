@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from dsmap.errors import InputError
+from dsmap.folders import temporary_folder
 from dsmap.sequences.extra import optional_library
 
 _SUFFIXES = (".bag", ".db3", ".mcap")
@@ -69,8 +70,9 @@ def _magic(path: Path) -> bool:
 
 def bag_files(folder: Path) -> list[Path]:
     """The parts of one bag in a folder: its files of one suffix, if their names differ by a last number only."""
+    children = list(folder.iterdir())
     for suffix in _SUFFIXES:
-        if found := sorted(folder.glob(f"*{suffix}"), key=_part):
+        if found := sorted((f for f in children if f.suffix.lower() == suffix), key=_part):
             return found if len({_part(file)[0] for file in found}) == 1 else []
     return []
 
@@ -78,6 +80,15 @@ def bag_files(folder: Path) -> list[Path]:
 def _part(file: Path) -> tuple[str, int]:
     match = re.fullmatch(r"(.*?)_?(\d*)", file.stem)
     return (match[1], int(match[2] or -1)) if match else (file.stem, -1)
+
+
+def _in_lower_case(part: Path) -> Path:
+    """A file with the suffix in lower case, by which rosbags knows its format: the part itself or a link to it."""
+    if part.is_dir() or part.suffix == part.suffix.lower():
+        return part
+    link = temporary_folder("bag") / (part.stem + part.suffix.lower())
+    link.symlink_to(part.resolve())
+    return link
 
 
 class Bag:
@@ -175,7 +186,7 @@ class Bag:
                 "rosbags.rosbag1" if self.is_ros1 else "rosbags.rosbag2", self.path, "a bag"
             )
             try:
-                readers = [library.Reader(part) for part in self._parts]
+                readers = [library.Reader(_in_lower_case(part)) for part in self._parts]
                 for reader in readers:
                     reader.open()
             except Exception as error:  # whatever a reader of damaged bytes comes to

@@ -20,6 +20,8 @@ from dsmap.sequences.text import read_text
 _FILE = "transforms.json"
 _METRES_PER_UNIT = 0.001
 """nerfstudio's depth_unit_scale_factor."""
+_CENTRE = 0.5
+"""Where nerfstudio's cx and cy have the centre of the first pixel (its `pixel_offset`); ours is at 0."""
 
 
 def _detect(path: Path) -> bool:
@@ -84,6 +86,7 @@ def _calibration(
     values = np.median(np.array(tables), axis=0)
     if np.isnan(values[0]) and "camera_angle_x" in content:
         raise InputError(f"{path / _FILE}: found camera_angle_x but no fl_x, expected fl_x, fl_y, cx, cy")
+    values[2:] -= _CENTRE
     size, depth_size = image_size(next(iter(colour.values()))), image_size(next(iter(depth.values())))
     if not np.isfinite(values).all() or size is None or depth_size is None:
         return None

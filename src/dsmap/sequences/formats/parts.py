@@ -38,6 +38,14 @@ def numbered(folder: Path, pattern: str) -> dict[int, Path]:
     return dict(sorted(found.items()))
 
 
+def named(folder: Path, name: str) -> Path:
+    """The entry of a folder with a name; where there is none, one that differs by upper and lower case alone."""
+    path = folder / name
+    if path.exists() or not folder.is_dir():
+        return path
+    return next((child for child in sorted(folder.iterdir()) if child.name.lower() == name.lower()), path)
+
+
 def common_numbers(
     path: Path, colour: Mapping[int, Source], depth: Mapping[int, Source], expected: str
 ) -> list[int]:

@@ -13,6 +13,7 @@ from dsmap.sequences.base import Recording
 from dsmap.sequences.formats.film import Film
 from dsmap.sequences.formats.parts import (
     confident,
+    named,
     numbered,
     read_matrix_of,
     recording_by_number,
@@ -26,29 +27,30 @@ _CAMERA, _ODOMETRY, _FILM = "camera_matrix.csv", "odometry.csv", "rgb.mp4"
 
 
 def _detect(path: Path) -> bool:
-    return (path / _CAMERA).is_file() and (path / _FILM).is_file() and (path / "depth").is_dir()
+    return named(path, _CAMERA).is_file() and named(path, _FILM).is_file() and named(path, "depth").is_dir()
 
 
 def _read(path: Path, _options: Options) -> Recording:
-    film = Film(path / _FILM)
+    camera_file, odometry, pictures = (named(path, name) for name in (_CAMERA, _ODOMETRY, _FILM))
+    film = Film(pictures)
     if not film.streams:
-        raise InputError(f"{path / _FILM}: found no pictures, expected a film")
+        raise InputError(f"{pictures}: found no pictures, expected a film")
     index, _, _, width, height = film.streams[0]
     ticks = film.times(index)
     colour: dict[int, Source] = {
-        k: Packed(path / _FILM, f"frame {k}", partial(film.frame, index, tick, "rgb24"))
+        k: Packed(pictures, f"frame {k}", partial(film.frame, index, tick, "rgb24"))
         for k, (tick, _) in enumerate(ticks)
     }
-    times, poses = _odometry(path / _ODOMETRY)
-    files = numbered(path / "depth", r"(\d+)\.(?:png|npy)")
-    sure = numbered(path / "confidence", r"(\d+)\.png")
+    times, poses = _odometry(odometry)
+    files = numbered(named(path, "depth"), r"(\d+)\.(?:png|npy)")
+    sure = numbered(named(path, "confidence"), r"(\d+)\.png")
     depth: dict[int, Source] = {
         n: Packed(path, f"depth/{file.name}", partial(_depth, file, sure.get(n))) for n, file in files.items()
     }
     notes = [] if len(colour) == len(files) else [f"the film has {len(colour)} frames, depth/ {len(files)}"]
-    K = read_matrix_of(path / _CAMERA, 3, 3)
+    K = read_matrix_of(camera_file, 3, 3)
     if K is None:
-        raise InputError(f"{path / _CAMERA}: found no 3x3 matrix, expected the camera's")
+        raise InputError(f"{camera_file}: found no 3x3 matrix, expected the camera's")
     camera = Intrinsics(width, height, K[0, 0], K[1, 1], K[0, 2], K[1, 2])
     size = _size(next(iter(files.values()))) if files else None
     calibration = two_cameras(camera, camera.scaled(*size), np.eye(4), 1000.0, _CAMERA) if size else None
