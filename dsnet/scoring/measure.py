@@ -71,7 +71,7 @@ def _log_loss(logits: np.ndarray, target: np.ndarray) -> float:
 def _calibration_error(logits: np.ndarray, target: np.ndarray) -> float:
     reliability = Reliability()
     reliability.add((target + 1)[None], softmax(logits, axis=1)[None])
-    return reliability.ece()
+    return reliability.ece() or 0.0  # none of no pixels
 
 
 def _sampled_logits(

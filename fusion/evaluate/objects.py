@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 from scipy import ndimage
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from dsmap.classes import CLASS_NAMES, VOID
 from dsmap.fusion.objects.boxes import Box, box_overlap, fit_box
@@ -160,7 +160,7 @@ def true_supports(mesh: LabelledMesh, up: np.ndarray) -> set[tuple[int, int]]:
     owner = np.where(floor, 0, instance.astype(np.int64))
     usable = floor | ~np.isin(label, _STRUCTURE)
     tops = np.flatnonzero(flat & usable)
-    tree = cKDTree(points[tops])
+    tree = KDTree(points[tops])
     pairs = set()
     for number in np.unique(owner[usable & ~floor]).tolist():
         own = np.flatnonzero((owner == number) & usable & ~floor)

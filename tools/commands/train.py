@@ -129,6 +129,7 @@ def run_recipe(args: Args, first: bool) -> dict:
         best = average_stages(stages[-recipe.average :], replace(args, out=args.out / "average"))
         weights = args.out / "average" / "best.safetensors"
     if first:
+        assert weights is not None  # of the last stage
         for name in ("best.safetensors", "model-card.md"):
             with atomic_path(args.out / name) as temporary:
                 shutil.copyfile(weights.parent / name, temporary)

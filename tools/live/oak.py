@@ -32,8 +32,8 @@ class Oak:
         colour = self._first["rgb"]
         # OpenCV's calibration: pixel centres lie at integers, as ours. It is that of the resized, cropped image.
         k = np.array(colour.getTransformation().getIntrinsicMatrix())
-        size = colour.getWidth(), colour.getHeight()
-        self.intrinsics = Intrinsics(*size, *(float(v) for v in (k[0, 0], k[1, 1], k[0, 2], k[1, 2])))
+        fx, fy, cx, cy = (float(v) for v in (k[0, 0], k[1, 1], k[0, 2], k[1, 2]))
+        self.intrinsics = Intrinsics(colour.getWidth(), colour.getHeight(), fx, fy, cx, cy)
 
     def frames(self) -> Iterator[Frame]:
         """Frames until the camera is unplugged."""

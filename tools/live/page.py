@@ -129,7 +129,7 @@ class LivePage:
         self._said = gui.add_markdown("waiting for the first frame")
         self._figures = gui.add_markdown("")
         blank = np.zeros((_IMAGE_WIDTH // 2, 2 * _IMAGE_WIDTH, 3), np.uint8)
-        self._image = gui.add_image(blank, "frame and the map's labels", format="jpeg")
+        self._image = gui.add_image(blank, label="frame and the map's labels", format="jpeg")
         self._mode = gui.add_dropdown("Colour by", ("colour", "label"), initial_value="colour")
         self._size = gui.add_slider("Point size [mm]", 1.0, 40.0, 0.5, 8.0)
         pause, save, stop = gui.add_button("Pause"), gui.add_button("Save now"), gui.add_button("Stop")

@@ -11,6 +11,7 @@ import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -55,7 +56,7 @@ def map_args(request: Request) -> Args:
     args = Args(Path(request.path), Path("RUN"))
     if request.config is not None:
         args = with_values(args, load_preset(request.config), f"--config {request.config}")
-    changes = {"undistort": request.undistort and args.undistort}
+    changes: dict[str, Any] = {"undistort": request.undistort and args.undistort}
     changes["spec"] = dataclasses.replace(args.spec, kind=request.segmenter)
     return dataclasses.replace(args, map=dataclasses.replace(args.map, device=request.device), **changes)
 

@@ -100,7 +100,8 @@ def _calibration(
     found = coefficients(model, [float(content.get(key, 0.0)) for key in MODELS[model]])
     if model == "rational" and found is not None:
         found = coefficients("radtan", found)
-    camera = Intrinsics(*stated, *(float(v) for v in values), found)
+    fx, fy, cx, cy = (float(v) for v in values)
+    camera = Intrinsics(*stated, fx, fy, cx, cy, found)
     if stated != size:
         camera = camera.scaled(*size)
         notes.append(
