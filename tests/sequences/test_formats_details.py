@@ -414,7 +414,9 @@ def test_a_calibration_beside_a_log_goes_before_what_is_assumed(tmp_path: Path):
     assert open_sequence(path).intrinsics == CAMERA
 
 
-@pytest.mark.parametrize("name", ["realsense", "ros2-mcap-file", "scannet-sens", "klg", "record3d", "azure-kinect"])
+@pytest.mark.parametrize(
+    "name", ["realsense", "ros2-mcap-file", "scannet-sens", "klg", "record3d", "azure-kinect"]
+)
 def test_a_folder_that_holds_one_file_of_a_recording_is_that_recording(name: str, tmp_path: Path):
     path = written(CASES[name], tmp_path / "recording")
     (path.parent / "metadata.yaml").unlink(missing_ok=True)  # a ROS 2 bag of several parts has one
@@ -450,7 +452,9 @@ def test_names_of_a_format_in_capital_letters(tmp_path: Path):
     np.testing.assert_array_equal(found.frame(3).depth, frame.depth)
 
 
-@pytest.mark.parametrize("name", ["realsense", "ros2-mcap-file", "scannet-sens", "klg", "record3d", "azure-kinect"])
+@pytest.mark.parametrize(
+    "name", ["realsense", "ros2-mcap-file", "scannet-sens", "klg", "record3d", "azure-kinect"]
+)
 def test_suffixes_in_capital_letters(name: str, tmp_path: Path):
     path = written(CASES[name], tmp_path / "recording")
     loud = path.rename(path.with_suffix(path.suffix.upper()))
