@@ -4,6 +4,7 @@ What a module offers under a name, no other module offers under the same one.
 """
 
 import ast
+import tomllib
 from collections import defaultdict
 from pathlib import Path
 
@@ -72,3 +73,14 @@ def test_functions_and_files_have_an_end():
         lines = {node.name: (node.end_lineno or 0) - node.lineno + 1 for node in found}
         long += [f"{file.name} {name}" for name, count in lines.items() if count > MOST_LINES_OF_A_FUNCTION]
     assert long == []
+
+
+def test_every_package_is_installed():
+    """Not only where the checkout is linked in: `pip install .` copies what pyproject.toml names."""
+    setup = tomllib.loads((REPOSITORY / "pyproject.toml").read_text())["tool"]["setuptools"]
+    there = {
+        ".".join([name, *file.parent.relative_to(REPOSITORY / folder).parts])
+        for name, folder in ({"dsmap": "src/dsmap"} | setup["package-dir"]).items()
+        for file in (REPOSITORY / folder).rglob("__init__.py")
+    }
+    assert set(setup["packages"]) == there

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -26,16 +27,26 @@ _OLDER = ("dsmap.map/2",)
 """The same without a checksum."""
 _EXPECTED = "a whole dsmap checkpoint (checkpoint.safetensors of a run)"
 _TRAJECTORY = ("times", "poses", "tracked")
+MEASURED = "measured."
+"""Prefix of label arrays as fusion left them, where those of the surfels are refined."""
 _METADATA = ("config", "intrinsics", "time", "state", "run")
 
 
-def save_map(mapper: Mapper, path: Path | str, run: dict[str, Any] | None = None) -> None:
+def save_map(
+    mapper: Mapper,
+    path: Path | str,
+    run: dict[str, Any] | None = None,
+    measured: Mapping[str, np.ndarray] | None = None,
+) -> None:
     """Write everything of a run that a later run or an evaluation needs; the file is whole or absent.
 
     Tensors: the surfel arrays by name (N rows each), `times` (M,), `depth_times` (M,), NaN where they
     are the same, `poses` T_world_camera (M, 4, 4) and `tracked` (M,) of the M frames, and `state.*` of
     `Mapper.state`. Metadata: format, config, intrinsics, classes, frame number `time`, the state's plain values,
     and `run`: whatever the caller wants back.
+
+    Args:
+        measured: of `refine.refine_map`, if the labels are refined: who goes on mapping goes on with these.
     """
     points = mapper.trajectory
     state = mapper.state()
@@ -48,6 +59,7 @@ def save_map(mapper: Mapper, path: Path | str, run: dict[str, Any] | None = None
         "depth_times": points.depth_times,
     }
     tensors |= {f"state.{name}": array for name, array in arrays.items()}
+    tensors |= {MEASURED + name: array for name, array in (measured or {}).items()}
     metadata = {
         "format": FORMAT,
         "config": json.dumps(dataclasses.asdict(mapper.config)),
@@ -60,15 +72,21 @@ def save_map(mapper: Mapper, path: Path | str, run: dict[str, Any] | None = None
     write_tensors(path, tensors, metadata, durable=True)
 
 
-def rewrite_map(source: Path | str, target: Path | str, surfels: SurfelMap) -> None:
+def rewrite_map(
+    source: Path | str, target: Path | str, surfels: SurfelMap, measured: Mapping[str, np.ndarray]
+) -> None:
     """Write a checkpoint again with the surfels as they are now; the rest of it stays, byte for byte.
+
+    Args:
+        measured: as in `save_map`.
 
     Raises:
         InputError: the source is missing, damaged or not a dsmap map of this version.
         WriteError: the target cannot be written.
     """
     arrays, metadata = _read_text(Path(source), with_arrays=True)
-    write_tensors(target, arrays | dict(surfels.numpy()), metadata | {"format": FORMAT}, durable=True)
+    kept = {MEASURED + name: array for name, array in measured.items()}
+    write_tensors(target, arrays | dict(surfels.numpy()) | kept, metadata | {"format": FORMAT}, durable=True)
 
 
 def read_metadata(path: Path | str) -> dict[str, Any]:
@@ -80,13 +98,18 @@ def read_metadata(path: Path | str) -> dict[str, Any]:
     return _read(Path(path), with_arrays=False)[1]
 
 
-def load_map(path: Path | str, device: Any = "cpu") -> tuple[SurfelMap, dict[str, Any]]:
+def load_map(
+    path: Path | str, device: Any = "cpu", measured: bool = False
+) -> tuple[SurfelMap, dict[str, Any]]:
     """Read a checkpoint.
+
+    Args:
+        measured: give the labels as fusion left them, for who goes on mapping; else as refined, if they are.
 
     Returns:
         The surfels, and a dict of `config` (MapConfig), `intrinsics` (dict), `time` (frame number),
         `times`, `poses`, `tracked`, `depth_times` (arrays of the trajectory), `arrays` and `plain` (the state for
-        `resume.resumed_mapper`) and `run` (what was given to `save_map`).
+        `resume.resumed_mapper`), `run` and `measured` (what was given to `save_map`; empty without).
 
     Raises:
         InputError: there is no such file, it is damaged, or it is not a dsmap map of this version.
@@ -101,6 +124,8 @@ def load_map(path: Path | str, device: Any = "cpu") -> tuple[SurfelMap, dict[str
     arrays.setdefault("depth_times", np.full(len(arrays["times"]), np.nan))  # older files
     check_arrays(path, arrays)
     check_words(path, meta, len(arrays["times"]), len(arrays["position"]))
+    meta["measured"] = {n.removeprefix(MEASURED): a for n, a in arrays.items() if n.startswith(MEASURED)}
+    arrays |= meta["measured"] if measured else {}
     meta["config"] = fill(MapConfig(), meta["config"], f"{path}: config", strict=False)
     meta["plain"] = meta.pop("state")
     meta["arrays"] = {n.removeprefix("state."): a for n, a in arrays.items() if n.startswith("state.")}

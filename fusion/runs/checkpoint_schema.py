@@ -18,6 +18,8 @@ _ARRAYS: dict[str, tuple[str, tuple[int | str, ...]]] = {
     "state.T_world_camera": ("f", _POSE), "state.schedule.last": ("f", _POSE),
     "state.view.T_world_camera": ("f", _POSE), "state.view.vertex": ("f", ("rows", "columns", 3)),
     "state.view.normal": ("f", ("rows", "columns", 3)), "state.view.colour": ("f", ("rows", "columns", 3)),
+    "measured.label": ("u", ("surfels",)), "measured.observations": ("f", ("surfels",)),
+    "measured.evidence": ("f", ("surfels", "classes")),
     "state.closed.points": ("f", ("loops", 2, 3)), "state.closed.times": ("i", ("loops", 2)),
     "state.ferns.codes": ("u", ("keyframes", "ferns")), "state.ferns.pixels": ("i", ("ferns", 2)),
     "state.ferns.colour_thresholds": ("f", ("ferns", 3)), "state.ferns.depth_thresholds": ("f", ("ferns",)),

@@ -44,6 +44,8 @@ class RunState:
     """Seconds spent, before an interruption included."""
     pace: Pace | None = None
     """What was given up to keep up with a camera, or with a recording at its own speed."""
+    measured: dict[str, np.ndarray] | None = None
+    """The labels as fusion left them, once they are refined."""
 
     def note(self, frame: Frame, position: int, result: StepResult, total: int) -> None:
         """A frame of a recording of so many frames was mapped; position: in the recording."""

@@ -50,8 +50,11 @@ class SavedRun:
     """loops.json: every loop that was closed (see `fusion.evaluate.loops`); None if there is none."""
 
 
-def load_run(path: Path | str, device: Any = "cpu") -> SavedRun:
+def load_run(path: Path | str, device: Any = "cpu", measured: bool = False) -> SavedRun:
     """Read a RUN folder.
+
+    Args:
+        measured: labels as fusion left them, not as refined (see `load_map`).
 
     Raises:
         InputError: no checkpoint of dsmap is there, or a file is damaged.
@@ -59,7 +62,7 @@ def load_run(path: Path | str, device: Any = "cpu") -> SavedRun:
     folder = Path(path)
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder; expected a RUN folder that `dsmap map` wrote")
-    surfels, meta = load_map(folder / "checkpoint.safetensors", device)
+    surfels, meta = load_map(folder / "checkpoint.safetensors", device, measured)
     first = meta["plain"]["first_frame"]  # frames before belong to an earlier recording
     times, poses, tracked = (meta[name][first:] for name in ("times", "poses", "tracked"))
     points = Trajectory.of_arrays(times, poses, tracked, meta["depth_times"][first:])

@@ -48,25 +48,35 @@ def by_crf(config: CrfConfig) -> Refined:
     return refine
 
 
-def refine_map(mapper: Mapper, refine: Refined) -> None:
-    """Refine the labels of a mapper's map where it is."""
-    labels = mapper.config.labels
+def refine_map(mapper: Mapper, refine: Refined) -> dict[str, np.ndarray]:
+    """Refine the labels of a mapper's map where it is; returns the arrays of labels as they were, by name.
+
+    Fusion cannot go on with refined labels as if they had been measured: give those to `checkpoint.save_map`.
+    """
+    labels, measured = mapper.config.labels, label_arrays(mapper.surfels)
     refined, there = refine(mapper.surfels, mapper.probabilities())
     set_probabilities(mapper.surfels, refined, there, labels.rule, labels.posterior_temperature)
+    return measured
+
+
+def label_arrays(surfels: SurfelMap) -> dict[str, np.ndarray]:
+    """A copy of what labels are made of: `evidence` (N, 13), `observations` (N,) and `label` (N,)."""
+    arrays = surfels.numpy()
+    return {name: arrays[name].copy() for name in ("evidence", "observations", "label")}
 
 
 def refine_run(run: SavedRun, out: Path, refine: Refined, settings: dict) -> SceneObjects:
     """Write `out`: the run with refined labels, segments, objects.json and scene_graph.json.
 
     Args:
-        run: as read; its surfels are changed.
+        run: as read, with labels as measured; its surfels are changed.
         out: folder that is there, empty or to be overwritten.
         settings: what was asked for, for config.yaml.
 
     Returns:
         The things of the refined map.
     """
-    labels = run.config.labels
+    labels, measured = run.config.labels, label_arrays(run.surfels)
     refined, there = refine(
         run.surfels, posterior(run.surfels, labels.rule, temperature=labels.posterior_temperature)
     )
@@ -83,7 +93,7 @@ def refine_run(run: SavedRun, out: Path, refine: Refined, settings: dict) -> Sce
     write_ply(out / "labels.ply", arrays, colour="label", up=up)
     write_objects(out, scene)
     write_yaml(out / "config.yaml", run.settings | {"refine": settings})
-    rewrite_map(run.path / CHECKPOINT, out / CHECKPOINT, run.surfels)
+    rewrite_map(run.path / CHECKPOINT, out / CHECKPOINT, run.surfels, measured)
     return scene
 
 

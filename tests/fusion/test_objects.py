@@ -226,4 +226,12 @@ def test_map_refines_at_its_end(tmp_path):
     before, after = (load_run(tmp_path / refine).surfels.numpy() for refine in ("none", "crf"))
     np.testing.assert_array_equal(before["position"], after["position"])
     assert (before["label"] != after["label"]).any()
+    measured = load_run(tmp_path / "crf", measured=True).surfels.numpy()
+    for name in ("label", "evidence", "observations"):
+        np.testing.assert_array_equal(before[name], measured[name])
+    assert run("refine", [str(tmp_path / "crf"), "--out", str(tmp_path / "again"), "--method", "crf"]) == 0
+    again = load_run(tmp_path / "again").surfels.numpy()
+    np.testing.assert_array_equal(
+        after["label"], again["label"], "from the measured labels, not refined twice"
+    )
     assert json.loads((tmp_path / "crf" / "objects.json").read_text())["structure"]

@@ -24,10 +24,9 @@ from dsmap.sequences import open_sequence
 from dsmap.stopping import exit_code
 from dsmap.tools.live.sources import LiveSource, open_source
 from dsmap.tools.mapping.options import Args as MapArgs
-from dsmap.tools.mapping.options import plain_values
 from dsmap.tools.mapping.output import report_run, write_run
 from dsmap.tools.mapping.segmenters import SegmenterSpec, make_segmenter
-from dsmap.tools.mapping.start import check_new, claimed, torch_device
+from dsmap.tools.mapping.start import check_new, claimed, torch_device, write_checkpoint
 from dsmap.tools.support.parse import parse_size
 
 
@@ -69,8 +68,10 @@ def main(args: Args) -> int:
     check_new(args.out, args.overwrite)
     segmenter = make_segmenter(args.spec, torch_device(config.device), code=True)
     mapper, controls = Mapper(config, source.intrinsics, segmenter), Controls()
-    command = MapArgs(Path(about.path), args.out, spec=args.spec, map=args.map, size=args.size, objects=False)
-    state = RunState(mapper, lambda now: _save_checkpoint(command, now))
+    command = MapArgs(
+        Path(about.path), args.out, spec=args.spec, map=args.map, size=args.size, objects=False, refine="none"
+    )
+    state = RunState(mapper, lambda now: write_checkpoint(command, now))
     with contextlib.ExitStack() as held:
         held.enter_context(claimed(args.out))
         watch, said = _watchers(args, mapper, controls, held)
@@ -159,11 +160,3 @@ def _watchers(
             say(text)
 
     return watch, said
-
-
-def _save_checkpoint(command: MapArgs, state: RunState) -> None:
-    from dsmap.fusion.runs.checkpoint import save_map
-    from dsmap.fusion.runs.run_folder import CHECKPOINT
-
-    progress = {"done": state.done, "skipped": state.skipped, "wall_s": state.wall_s}
-    save_map(state.mapper, command.out / CHECKPOINT, run={"command": plain_values(command), **progress})

@@ -34,7 +34,7 @@ class Args:
 
 def main(args: Args) -> int:
     """Refine a run; returns the exit code."""
-    run = load_run(args.run)
+    run = load_run(args.run, measured=True)
     if args.out.resolve() == args.run.resolve():
         raise InputError(f"--out {args.out} is the run itself; expected another folder")
     check_new(args.out, args.overwrite)

@@ -45,7 +45,7 @@ class Args:
     unless --size says how large, frames that come too fast are dropped, and latency is told."""
     save_probabilities: bool = False
     """Add the 13 class probabilities to map.ply."""
-    refine: Literal["none", "segments", "crf"] = "none"
+    refine: Literal["none", "segments", "crf"] = "segments"
     """Let the labels agree with the shape of the map once all frames are mapped, as `dsmap refine --method` does."""
     objects: bool = True
     """Write objects.json and scene_graph.json, the things of the map with boxes."""

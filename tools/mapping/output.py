@@ -23,8 +23,8 @@ def write_run(args: Args, state: RunState, sequence: Sequence) -> None:
     Raises:
         WriteError: after all that could be written was; names what was not.
     """
-    if args.refine != "none" and state.done == len(sequence) and not state.mapper.model.frozen:
-        refine_map(
+    if args.refine != "none" and args.spec.kind != "none" and not state.mapper.model.frozen:
+        state.measured = refine_map(
             state.mapper, by_segments(SegmentConfig()) if args.refine == "segments" else by_crf(CrfConfig())
         )
     k = sequence.intrinsics

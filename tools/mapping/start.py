@@ -85,13 +85,16 @@ def start_run(args: Args, sequence: Sequence) -> tuple[RunState, Sequence]:
     if args.resume:
         return _resume(args, config, sequence, segmenter), sequence
     if saved is not None:
-        surfels, meta = load_map(saved, device)
+        surfels, meta = load_map(saved, device, measured=args.extend)
         mapper = mapper_in_saved_map(
             surfels, meta, str(saved), sequence.intrinsics, segmenter, config, frozen=not args.extend
         )
     else:
-        mapper = Mapper(config, sequence.intrinsics, segmenter)
-    return RunState(mapper, lambda now: _save(args, now)), sequence
+        mapper, meta = Mapper(config, sequence.intrinsics, segmenter), {}
+    state = RunState(mapper, lambda now: write_checkpoint(args, now))
+    if mapper.model.frozen:
+        state.measured = meta["measured"]
+    return state, sequence
 
 
 def check_new(out: Path, overwrite: bool) -> None:
@@ -170,14 +173,20 @@ def _check(args: Args) -> None:
         )
 
 
-def _save(args: Args, state: RunState) -> None:
-    progress = {"done": state.done, "skipped": state.skipped, "wall_s": state.wall_s}
-    save_map(state.mapper, args.out / CHECKPOINT, run={"command": plain_values(args), **progress})
+def write_checkpoint(args: Args, state: RunState) -> None:
+    """Write the checkpoint of a run of this command line."""
+    run = {
+        "command": plain_values(args),
+        "done": state.done,
+        "skipped": state.skipped,
+        "wall_s": state.wall_s,
+    }
+    save_map(state.mapper, args.out / CHECKPOINT, run, state.measured)
 
 
 def _resume(args: Args, config: MapConfig, sequence: Sequence, segmenter: Segmenter | None) -> RunState:
     path = checkpoint_of(args.out)
-    surfels, meta = load_map(path, chosen_device(config.device))
+    surfels, meta = load_map(path, chosen_device(config.device), measured=True)
     command = with_values(args, meta["run"].get("command", {}), str(path))
     for ours, theirs in zip(options_of(args), options_of(command), strict=True):
         if ours.name not in _MAY_CHANGE and ours.value != theirs.value:
@@ -190,7 +199,7 @@ def _resume(args: Args, config: MapConfig, sequence: Sequence, segmenter: Segmen
             f"{args.path}: another camera than that of {args.out}; expected the recording it was begun with"
         )
     mapper = resumed_mapper(surfels, meta, str(path), sequence.intrinsics, segmenter, config)
-    state = RunState(mapper, lambda now: _save(args, now))
+    state = RunState(mapper, lambda now: write_checkpoint(args, now))
     with reading(path, "a checkpoint of `dsmap map`"):
         state.done = meta["run"]["done"]
         state.skipped = [(int(index), str(reason)) for index, reason in meta["run"]["skipped"]]
