@@ -13,6 +13,7 @@ import numpy as np
 from dsmap.frame import Frame
 from dsmap.fusion.lie import inverse, pose_difference
 from dsmap.fusion.mapper import Mapper
+from dsmap.metrics import ate_rmse
 
 WRONG_M, WRONG_DEG = 0.05, 3.0
 """A tracked pose further off than this is wrong [m, deg]."""
@@ -49,6 +50,8 @@ class TrialScore:
     """All poses believed that are wrong; drift counts too."""
     worst_m: float
     """Largest error of a pose that was believed [m]."""
+    ate_m: float | None = None
+    """RMS of the positions of the poses that were believed, after SE(3) alignment [m]; None for fewer than three."""
     in_view: float = 1.0
     """Largest share of a lost frame that the map shows, in the first WITHIN_S of the longest loss; 1 if none."""
 
@@ -102,6 +105,7 @@ def score_trial(
         wrong_relocalised=int((found & wrong).sum()),
         wrong=int(wrong.sum()),
         worst_m=float(distance[believed].max(initial=0.0)),
+        ate_m=ate_rmse(estimated[believed], true[believed]) if believed.sum() > 2 else None,
         in_view=1.0 if in_view is None or not early else float(np.max(in_view[early])),
     )
 

@@ -8,7 +8,7 @@ from scipy.interpolate import BSpline
 from dsmap.errors import InputError
 from dsmap.sim_scenes.camera_paths.hand import tremor
 from dsmap.sim_scenes.camera_paths.routes import round_trip, wander
-from dsmap.sim_scenes.camera_paths.trials import Sampler, carried_times, with_bursts
+from dsmap.sim_scenes.camera_paths.trials import Sampler, carried_times, shaken, with_bursts
 from dsmap.sim_scenes.physics.bodies import Motion
 from dsmap.sim_scenes.scene import Scene
 from dsmap.sim_scenes.space.free_space import FreeSpace
@@ -27,10 +27,11 @@ FAVOURED = ("chair", "objects", "picture", "tv")
 """Classes that photographs of rooms show more of than a room's own share: views are aimed at them more often."""
 LEAN = np.radians(-2.0)
 """Views look down by this much more than at the middle of their subject, as people hold cameras."""
-PATHS = ("walk", "views", "loop", "fast", "cover", "jump")
+PATHS = ("walk", "views", "loop", "fast", "shake", "cover", "jump")
 """walk = hand-held video; views = unrelated viewpoints; loop = a round trip back to the first view; fast = a walk
-with bursts of over 120 degrees a second; cover = a walk with the lens covered for a second (`covered_frames`);
-jump = a walk during which the camera is carried to places seen before."""
+with bursts of over 120 degrees a second; shake = a walk with fast turns about all axes, up to 250 degrees a second;
+cover = a walk with the lens covered for a second (`covered_frames`); jump = a walk during which the camera is carried
+to places seen before."""
 
 
 def look(eye: np.ndarray, yaw: np.ndarray, pitch: np.ndarray, roll: np.ndarray) -> np.ndarray:
@@ -83,6 +84,10 @@ def camera_path(
     shake = tremor(hands, t)
     state = state + shake[:, :5]
     roll = np.radians(0.8) * np.sin(0.9 * t + state[0, 3]) * np.minimum(1.0, t) + shake[:, 5]
+    if kind == "shake":
+        turns = shaken(t, frames / fps, trial)
+        state[:, 3:5] += turns[:, :2]
+        roll += turns[:, 2]
     return look(state[:, :3], state[:, 3], state[:, 4], roll)
 
 

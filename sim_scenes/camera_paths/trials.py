@@ -1,4 +1,4 @@
-"""Walks that try a mapper's robustness: bursts of fast rotation, a covered lens, a camera carried elsewhere."""
+"""Walks that try a mapper's robustness: fast turns, a shaken camera, a covered lens, a camera carried elsewhere."""
 
 from collections.abc import Callable
 
@@ -8,6 +8,11 @@ BURST_DEG_S = 175.0
 """Rotation of a burst on top of the walk's own [deg/s], which is below 50."""
 HOLD_S, RAMP_S = 0.55, 0.25
 """A burst holds its rate this long, after and before a ramp [s]."""
+SHAKEN_DEG_S = 200.0
+"""A shaken camera turns by up to this on top of the walk's own rotation [deg/s], which is below 50."""
+_SHAKEN_HZ = (0.8, 1.8)
+_REST_S = 0.7
+"""A recording begins calmly for this long: something has to be mapped."""
 COVERED_S = 1.0
 """How long the lens is covered [s]."""
 Sampler = Callable[[np.ndarray], np.ndarray]
@@ -34,6 +39,25 @@ def _burst(t: np.ndarray) -> np.ndarray:
     up, hold = np.clip(t, 0, RAMP_S), np.clip(t - RAMP_S, 0, HOLD_S)
     down = np.clip(t - RAMP_S - HOLD_S, 0, RAMP_S)
     return top * (up**2 / (2 * RAMP_S) + hold + down - down**2 / (2 * RAMP_S))
+
+
+def shaken(t: np.ndarray, seconds: float, rng: np.random.Generator) -> np.ndarray:
+    """Angles [rad] that a camera is shaken by at times t [s], yaw, pitch and roll, shape (N, 3).
+
+    Each axis swings at a frequency of its own and comes and goes, so one and several turn at a time. The fastest
+    moment of a recording of that many seconds turns by SHAKEN_DEG_S.
+    """
+    frequency, slow = rng.uniform(*_SHAKEN_HZ, 3), rng.uniform(0.15, 0.35, 3)
+    phase, begin = rng.uniform(0, 2 * np.pi, (2, 3))
+
+    def swing(times: np.ndarray) -> np.ndarray:
+        s = np.clip(times / _REST_S, 0, 1)[:, None]
+        strength = s * s * (3 - 2 * s) * (0.65 + 0.35 * np.sin(2 * np.pi * slow * times[:, None] + begin))
+        return strength * np.sin(2 * np.pi * frequency * times[:, None] + phase)
+
+    fine = np.arange(0, max(seconds, 2 * _REST_S), 0.005)
+    rate = np.linalg.norm(np.diff(swing(fine), axis=0), axis=1).max() / 0.005
+    return np.radians(SHAKEN_DEG_S) / rate * swing(t)
 
 
 def covered_frames(kind: str, frames: int, fps: float, seed: int) -> np.ndarray:

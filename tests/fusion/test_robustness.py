@@ -111,6 +111,15 @@ def test_command_runs_a_trial_once(tmp_path, capsys):
     assert "hop" in capsys.readouterr().err
 
 
+def test_a_shaken_camera_with_a_rolling_shutter_is_a_trial(tmp_path, capsys):
+    out = tmp_path / "trials.json"
+    flags = ["--out", str(out), "--paths", "shake", "--readout-s", "0.026", "--trials", "1", "--frames", "12"]
+    run("bench-robustness", [*flags, "--size", "64x48"])
+    row = json.loads(out.read_text())["shake living_room 101"]
+    assert row["frames"] == 12 and 0 <= row["ate_m"] < 0.05
+    assert "frames lost" in capsys.readouterr().out
+
+
 def _disturbed(T: np.ndarray, metres: float, degrees: float, rng: np.random.Generator) -> np.ndarray:
     offset, axis = rng.normal(size=3) * [1, 1, 0.3], rng.normal(size=3) * [0.2, 1, 0.1]
     out = T.copy()

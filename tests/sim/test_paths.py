@@ -73,6 +73,15 @@ def test_fast_has_bursts_of_120_degrees_a_second_for_half_a_second() -> None:
     assert (frame_rotations(camera_path(two_rooms(), "walk", 300, 30.0, 1)) * 30).max() < 100
 
 
+def test_a_shaken_camera_turns_about_all_axes_by_up_to_250_degrees_a_second() -> None:
+    for seed in (1, 2, 3):
+        poses = camera_path(two_rooms(), "shake", 90, 30.0, seed)
+        relative = np.einsum("nji,njk->nik", poses[:-1, :3, :3], poses[1:, :3, :3])
+        about = np.abs([R[[2, 0, 1], [1, 2, 0]] for R in relative]) * np.degrees(30.0)
+        assert 150 < (frame_rotations(poses) * 30).max() < 260
+        assert (about.max(axis=0) > 60).all() and (frame_rotations(poses[:4]) * 30).max() < 60
+
+
 def test_the_covered_lens_is_covered_for_a_second() -> None:
     covered = covered_frames("cover", 300, 30.0, 1)
     edges = np.flatnonzero(np.diff(covered.astype(int)))

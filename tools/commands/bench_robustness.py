@@ -1,6 +1,7 @@
 """`dsmap bench-robustness`: tries to lose the camera in rendered rooms, and counts how often it is found again."""
 
 import dataclasses
+import statistics
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
@@ -12,7 +13,8 @@ from dsmap.plain import read_json
 from dsmap.ranges import Range, Seed
 from dsmap.tools.support.parse import parse_size
 
-_PATHS = ("fast", "cover", "jump")
+_PATHS = ("fast", "shake", "cover", "jump")
+_USUAL = ("fast", "cover", "jump")
 
 
 @dataclass
@@ -21,9 +23,9 @@ class Args:
 
     out: Path | None = None
     """Write every trial's score to this JSON file; trials that it already holds are not run again."""
-    paths: tuple[str, ...] = _PATHS
-    """fast = turned at over 120 deg/s for half a second; cover = a second without depth and colour; jump = put
-    down where it has been before."""
+    paths: tuple[str, ...] = _USUAL
+    """fast = turned at over 120 deg/s for half a second; shake = turned about all axes by up to 250 deg/s; cover = a
+    second without depth and colour; jump = put down where it has been before."""
     trials: Annotated[int, Range(1, 100_000)] = 10
     """Trials of each; they go through the kinds of rooms in turn, each with a seed of its own."""
     scenes: tuple[str, ...] = ("living_room", "bedroom", "office", "kitchen")
@@ -38,6 +40,9 @@ class Args:
     """Depth sensor to imitate, or none."""
     effects: str = "none"
     """What the colour camera does to its pictures: none, mild, strong (exposure, blur, noise)."""
+    readout_s: Annotated[float, Range(-0.1, 0.1)] = 0.0
+    """Rolling shutter of colour and depth: time from an image's first row to its last [s] (a Kinect: 0.026). It is
+    modelled, unless --config.readout-s says otherwise."""
     config: MapConfig = field(default_factory=lambda: MapConfig(depth_max=8.0))
     """Parameters of the mapper."""
 
@@ -48,7 +53,9 @@ def main(args: Args) -> int:
     if unknown:
         raise InputError(f"unknown path {unknown[0]!r}; expected one of: {', '.join(_PATHS)}")
     done = _read(args.out)
-    print(f"{'trial':<28} {'lost':>5} {'longest':>8} {'relocalised':>12} {'wrong':>6} {'worst':>8}")
+    print(
+        f"{'trial':<28} {'lost':>5} {'longest':>8} {'relocalised':>12} {'wrong':>6} {'worst':>8} {'ATE':>8}"
+    )
     results: dict[str, Any] = {}
     for path in args.paths:
         for trial in range(args.trials):
@@ -58,7 +65,7 @@ def main(args: Args) -> int:
             results[name] = row
             print(
                 f"{name:<28} {row['lost']:5d} {row['longest_lost_s']:6.2f} s {row['relocalised']:12d} "
-                f"{row['wrong']:6d} {100 * row['worst_m']:5.1f} cm{_remark(row)}",
+                f"{row['wrong']:6d} {100 * row['worst_m']:5.1f} cm {_ate(row)}{_remark(row)}",
                 flush=True,
             )
             _write(args.out, done | results)
@@ -78,11 +85,12 @@ def _run(args: Args, path: str, scene_name: str, seed: int) -> dict[str, Any]:
     width, height = parse_size(args.size) or (320, 240)
     options = RenderOptions(
         scene=scene_name, seed=seed, frames=args.frames, width=width, height=height, noise=args.noise,
-        path=path, effects=args.effects,
+        path=path, effects=args.effects, readout_s=args.readout_s,
     )  # fmt: skip
     scene = open_scene(options)
     take = plan_take(scene, options)
-    mapper = Mapper(args.config, take.camera)
+    readout = args.readout_s if args.config.readout_s is None else args.config.readout_s
+    mapper = Mapper(dataclasses.replace(args.config, readout_s=readout), take.camera)
     true, estimated, tracked, relocalised, blind, in_view = [], [], [], [], [], []
     for index, image in enumerate(iter_frames(scene, options, take)):
         frame = Frame(index, image.time, image.rgb, image.depth)
@@ -107,6 +115,11 @@ def _run(args: Args, path: str, scene_name: str, seed: int) -> dict[str, Any]:
     return dataclasses.asdict(score) | {"passed": score.passed, "hopeless": score.hopeless}
 
 
+def _ate(row: dict[str, Any]) -> str:
+    ate = row.get("ate_m")
+    return "       -" if ate is None else f"{100 * ate:5.2f} cm"
+
+
 def _remark(row: dict[str, Any]) -> str:
     if row["passed"]:
         return ""
@@ -126,6 +139,10 @@ def _totals(args: Args, results: dict[str, Any]) -> int:
             f"{path}: {passed} of {len(rows)} tracked or found within 1 s; {wrong} of {found} relocalisations wrong"
             + (f"; {hopeless} of the failed ones saw too little of the map to be found" if hopeless else "")
         )
+        frames, lost = (sum(row[key] for row in rows) for key in ("frames", "lost"))
+        ates = [row["ate_m"] for row in rows if row.get("ate_m") is not None]
+        middle = f"; median ATE {100 * statistics.median(ates):.2f} cm" if ates else ""
+        print(f"{path}: {lost} of {frames} frames lost ({lost / max(frames, 1):.2%}){middle}")
         short += passed < 0.9 * len(rows) or wrong > 0
     return int(short > 0)
 

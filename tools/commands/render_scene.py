@@ -42,9 +42,10 @@ class Args:
     """Frames a second of the recording."""
     seed: Seed = 1
     """Layout, sizes, colours, textures, lights, camera path and noise all follow from it."""
-    path: Literal["walk", "views", "loop", "fast", "cover", "jump"] = "walk"
+    path: Literal["walk", "views", "loop", "fast", "shake", "cover", "jump"] = "walk"
     """walk = a hand-held video; views = unrelated viewpoints, for training; loop = a round trip. To try a
-    tracker: fast = walk with bursts of fast rotation, cover = with a covered lens, jump = carried elsewhere."""
+    tracker: fast = walk with bursts of fast rotation, shake = turned fast about all axes, cover = with a covered lens,
+    jump = carried elsewhere."""
     moving: Literal["none", "chair", "door", "ball", "person"] = "none"
     """Something that moves while the camera watches: a pushed chair, a door (of a flat), a rolling ball, a person
     who walks. Its poses go to bodies.txt."""
