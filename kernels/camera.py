@@ -12,14 +12,14 @@ from dsmap.kernels.types import SurfelArrays
 class Camera:
     """Pinhole intrinsics [px] and image size; integer pixel centres (see dsmap.frame)."""
 
-    fx: wp.float32
-    fy: wp.float32
-    cx: wp.float32
-    cy: wp.float32
-    inv_fx: wp.float32  # 1 / fx and 1 / fy: a division costs a CPU as much as five products
-    inv_fy: wp.float32
-    width: wp.int32
-    height: wp.int32
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    inv_fx: float  # 1 / fx and 1 / fy: a division costs a CPU as much as five products
+    inv_fy: float
+    width: int
+    height: int
 
 
 def make_camera(intrinsics: Any) -> Camera:

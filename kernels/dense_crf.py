@@ -20,13 +20,13 @@ from dsmap.kernels.runtime import struct
 class Kernels:
     """Two Gaussian kernels: of position and colour, of position and normal."""
 
-    reach: wp.float32  # [m]: farther points are no neighbours
-    position: wp.float32  # 1 / (2 sigma^2), [1/m^2]
-    colour: wp.float32  # 1 / (2 sigma^2), RGB in [0, 1]
-    normal: wp.float32  # 1 / (2 sigma^2), [1/rad^2], of the difference of unit vectors
-    weight_colour: wp.float32
-    weight_normal: wp.float32
-    least: wp.float32  # neighbours whose kernels are both smaller are left out
+    reach: float  # [m]: farther points are no neighbours
+    position: float  # 1 / (2 sigma^2), [1/m^2]
+    colour: float  # 1 / (2 sigma^2), RGB in [0, 1]
+    normal: float  # 1 / (2 sigma^2), [1/rad^2], of the difference of unit vectors
+    weight_colour: float
+    weight_normal: float
+    least: float  # neighbours whose kernels are both smaller are left out
 
 
 @dataclass(frozen=True)

@@ -33,15 +33,15 @@ _sums3 = wp.types.vector(length=11, dtype=wp.float32)
 class TrackingGates:
     """What a residual must pass to count."""
 
-    max_distance: wp.float32  # [m] between associated points
-    min_cosine: wp.float32  # of the angle between associated normals
-    min_gradient: wp.float32  # of the model's intensity [1 / px]
-    max_intensity: wp.float32  # difference of intensities beyond which a pixel is an occlusion or a highlight
-    huber_icp: wp.float32  # [m] residual from which the weight falls; 0: plain least squares
-    huber_rgb: wp.float32  # likewise for intensity
-    gain: wp.float32  # factor that brings the frame's intensities to the model's exposure
-    noise_z: wp.float32  # depth noise grows with z^2: weight 1 / (1 + noise_z z^2)^2; 0: all alike
-    stride: wp.int32  # every stride-th pixel of the frame in both directions
+    max_distance: float  # [m] between associated points
+    min_cosine: float  # of the angle between associated normals
+    min_gradient: float  # of the model's intensity [1 / px]
+    max_intensity: float  # difference of intensities beyond which a pixel is an occlusion or a highlight
+    huber_icp: float  # [m] residual from which the weight falls; 0: plain least squares
+    huber_rgb: float  # likewise for intensity
+    gain: float  # factor that brings the frame's intensities to the model's exposure
+    noise_z: float  # depth noise grows with z^2: weight 1 / (1 + noise_z z^2)^2; 0: all alike
+    stride: int  # every stride-th pixel of the frame in both directions
 
 
 @wp.func_native(

@@ -42,8 +42,8 @@ class StepRules:
     rgb_balance: wp.float64  # see TrackConfig
     held: wp.float64  # information a residual from which a direction is held in any case
     seconds: wp.float64  # since the frame at T_last; 0: all rows are taken at once
-    coloured: wp.int32  # whether colour takes part
-    expects: wp.int32  # whether there is a pose that is expected
+    coloured: int  # whether colour takes part
+    expects: int  # whether there is a pose that is expected
 
 
 @struct

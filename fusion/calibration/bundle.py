@@ -128,6 +128,7 @@ class Window:
 
     def read_depth(self, cameras: Cameras) -> None:
         """Look up the depth images where the points are now; `residuals` takes the planes found for whole ones."""
+        seen, pixel = np.empty((0, 3)), np.empty((0, 2))
         for _ in range(2):  # the row that sees a point depends on where it is seen
             seen = _in_depth_camera(self._when_measured(cameras).points, cameras)
             pixel = project_points(seen, cameras.depth)

@@ -83,9 +83,9 @@ def look_up(planes: np.ndarray, frame: np.ndarray, pixel: np.ndarray) -> tuple[n
         Inverse depth at the pixel and its slopes, (N, 3), and whether there is a plane, bool (N,).
     """
     height, width = planes.shape[1:3]
-    inside = np.isfinite(pixel).all(axis=1)
+    inside = np.asarray(np.isfinite(pixel).all(axis=1))
     nearest = np.rint(np.where(inside[:, None], pixel, -1.0)).clip(-1, 1e6).astype(np.int64)
-    x, y = nearest.T
+    x, y = nearest[:, 0], nearest[:, 1]
     inside = (x >= 0) & (y >= 0) & (x < width) & (y < height)
     found = planes[frame, np.where(inside, y, 0), np.where(inside, x, 0)].astype(np.float64)
     inside &= found[:, 0] > 0

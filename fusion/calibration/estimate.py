@@ -53,8 +53,9 @@ def estimate(rig: Rig, windows: Sequence[Window], start: np.ndarray | None = Non
         start: corrections to begin with, shape (S,); None: none.
     """
     vector = np.zeros(len(rig.names)) if start is None else start.copy()
-    prior = np.diag(1 / rig.prior_sigma**2)
-    for rounds in range(1, _ROUNDS + 1):
+    prior, rounds = np.diag(1 / rig.prior_sigma**2), 0
+    while True:
+        rounds += 1
         scale, parts = _normal_equations(rig, windows, vector)
         inverse = np.linalg.inv(sum(part.H for part in parts) + prior)
         step = inverse @ (sum(part.g for part in parts) - prior @ vector)
@@ -63,6 +64,8 @@ def estimate(rig: Rig, windows: Sequence[Window], start: np.ndarray | None = Non
         vector = vector + step
         for part in parts:
             part.apply(step)
+        if rounds == _ROUNDS:
+            break
     return Estimate(
         rig,
         vector,

@@ -39,7 +39,7 @@ def pose_scale(windows: Sequence[Window], cameras: Cameras, frame_is_depth: bool
         R, centre = window.pose_at(t.times + t.depth_after_s + cameras.offset_s)
         if frame_is_depth:
             centre = centre + R @ cameras.t_color_depth
-        known = np.isfinite(t.given_centres).all(axis=1)
+        known = np.asarray(np.isfinite(t.given_centres).all(axis=1))
         if known.sum() < len(known) // 2:
             continue
         spread = float(np.sqrt((centre[known] - centre[known].mean(axis=0)).var(axis=0).sum()))

@@ -55,10 +55,9 @@ class PoseSpline:
         Args:
             which, shares: of `shares` for the times.
         """
-        R = Rotation.from_matrix(rotations)
-        first = np.arange(len(rotations) - _DEGREE)
+        R, spans = Rotation.from_matrix(rotations), len(rotations) - _DEGREE
         turns = np.stack(
-            [(R[first + 1].inv() * R[first + k]).as_rotvec() for k in range(_DEGREE + 1)], axis=1
+            [(R[1 : 1 + spans].inv() * R[k : k + spans]).as_rotvec() for k in range(_DEGREE + 1)], axis=1
         )
         turn = np.einsum("nk,nki->ni", shares, turns[which[:, 0]])
         centre = np.einsum("nk,nki->ni", shares, centres[which])

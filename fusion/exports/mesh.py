@@ -46,13 +46,15 @@ def write_mesh_glb(path: Path, surface: SurfaceMesh, T_level_world: np.ndarray) 
         ModuleNotFoundError: trimesh is not installed.
     """
     import trimesh
+    from trimesh.exchange.gltf import export_glb
+    from trimesh.visual import ColorVisuals
 
     vertices, normal = _upright(surface, T_level_world)
     mesh = trimesh.Trimesh(vertices, surface.faces, vertex_normals=normal, process=False)
-    mesh.visual = trimesh.visual.ColorVisuals(mesh, vertex_colors=surface.colour)
+    mesh.visual = ColorVisuals(mesh, vertex_colors=surface.colour)
     mesh.vertex_attributes["_LABEL"] = surface.label.astype(np.float32)
     with atomic_path(path) as temporary:
-        temporary.write_bytes(mesh.export(file_type="glb", include_normals=True))
+        temporary.write_bytes(export_glb(mesh, include_normals=True))
 
 
 def write_mesh_obj(path: Path, surface: SurfaceMesh, T_level_world: np.ndarray) -> None:
@@ -63,12 +65,14 @@ def write_mesh_obj(path: Path, surface: SurfaceMesh, T_level_world: np.ndarray) 
         ModuleNotFoundError: trimesh is not installed.
     """
     import trimesh
+    from trimesh.exchange.obj import export_obj
+    from trimesh.visual import ColorVisuals
 
     vertices, normal = _upright(surface, T_level_world)
     mesh = trimesh.Trimesh(vertices, surface.faces, vertex_normals=normal, process=False)
-    mesh.visual = trimesh.visual.ColorVisuals(mesh, vertex_colors=surface.colour)
+    mesh.visual = ColorVisuals(mesh, vertex_colors=surface.colour)
     with atomic_path(path) as temporary:
-        temporary.write_text(trimesh.exchange.obj.export_obj(mesh, include_normals=True, include_color=True))
+        temporary.write_text(export_obj(mesh, include_normals=True, include_color=True))
 
 
 WRITERS: dict[str, Callable[[Path, SurfaceMesh, np.ndarray], None]] = {

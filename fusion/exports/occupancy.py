@@ -82,14 +82,18 @@ def occupancy_grid(
     shape = tuple(index.max(axis=0) + 1 + _MARGIN)
     standing = _count(index[in_the_way], shape) >= _ENOUGH
     # A table top of which some cells were hardly seen has no holes.
-    occupied = standing | ndimage.binary_closing(standing, np.ones((3, 3), bool), iterations=_GAP)
+    occupied = standing | _closed(standing)
     seen = _count(index[floor], shape) > 0
     # Closing must not reach over an obstacle: the other side of a thin wall is another room.
-    closed = ndimage.binary_closing(seen, np.ones((3, 3), bool), iterations=_GAP)
+    closed = _closed(seen)
     cells = np.full(shape, UNKNOWN, np.uint8)
     cells[(seen | closed) & ~occupied] = FREE
     cells[occupied] = OCCUPIED
     return Grid(np.ascontiguousarray(cells.T), low, cell)
+
+
+def _closed(cells: np.ndarray) -> np.ndarray:
+    return np.asarray(ndimage.binary_closing(cells, np.ones((3, 3), bool), iterations=_GAP))
 
 
 def write_occupancy(path: Path, grid: Grid, T_level_world: np.ndarray) -> int:

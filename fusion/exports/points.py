@@ -90,11 +90,8 @@ def write_e57(path: Path | str, surfels: dict[str, np.ndarray]) -> int:
     rows = np.flatnonzero(surfels["weight"] > 0)
     if not len(rows):
         raise InputError("the map has no surfels, expected some: E57 holds no empty scan")
-    data = dict(
-        zip(
-            ("cartesianX", "cartesianY", "cartesianZ"), surfels["position"][rows].T.astype(float), strict=True
-        )
-    )
+    axes = ("cartesianX", "cartesianY", "cartesianZ")
+    data: dict[str, np.ndarray] = dict(zip(axes, surfels["position"][rows].T.astype(float), strict=True))
     data |= dict(zip(("colorRed", "colorGreen", "colorBlue"), _rgb(surfels, rows).T, strict=True))
     data["intensity"] = surfels["weight"][rows].astype(float)
     data = {name: np.ascontiguousarray(values) for name, values in data.items()}

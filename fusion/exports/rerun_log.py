@@ -108,5 +108,5 @@ def log_frame(
     _, jpeg = cv2.imencode(".jpg", image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
     stream.log("world/camera/image", rr.EncodedImage(contents=jpeg.tobytes(), media_type="image/jpeg"))
     if label is not None:
-        ids = cv2.resize(label, (small.width, small.height), interpolation=cv2.INTER_NEAREST)
+        ids: Any = cv2.resize(label, (small.width, small.height), interpolation=cv2.INTER_NEAREST)
         stream.log("world/camera/labels", rr.SegmentationImage(ids, opacity=0.5))

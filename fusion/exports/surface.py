@@ -1,6 +1,7 @@
 """A mesh of the map: marching cubes over the surface that the surfels lie on, with colours and labels."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -93,12 +94,14 @@ def _extract(points: SurfelPoints, block: np.ndarray, voxel: float) -> tuple[np.
     if not (known & (value < 0)).any() or not (known & (value >= 0)).any():
         return None
     field = np.where(known, value, np.float32(voxel))
-    vertices, indices = IsoSurfaceMarchingCubes.extract(wp.array(field, dtype=wp.float32, device="cpu"))
+    grid: Any = wp.array(field, dtype=wp.float32, device="cpu")  # Warp's stubs want its rank in its type
+    vertices, indices = IsoSurfaceMarchingCubes.extract(grid)
     corners, faces = vertices.numpy().astype(np.float64), indices.numpy().reshape(-1, 3)
     if not len(faces):
         return None
-    cell = np.floor(corners[faces].mean(axis=1)).astype(int).clip(0, _BLOCK - 1)
-    faces = faces[_whole(value, known, voxel)[tuple(cell.T)]]
+    cell = np.floor(np.take(corners, faces, axis=0).mean(axis=1)).astype(int).clip(0, _BLOCK - 1)
+    kept: np.ndarray = _whole(value, known, voxel)[cell[:, 0], cell[:, 1], cell[:, 2]]
+    faces = np.compress(kept, faces, axis=0)
     return (corners + first, faces) if len(faces) else None
 
 

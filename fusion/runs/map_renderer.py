@@ -19,7 +19,7 @@ class MapRenderer:
         self.run = run
         self.camera = make_camera(camera)
         self.probabilities = posterior(run.surfels, labels.rule, temperature=labels.posterior_temperature)
-        self.label = run.surfels.numpy()["label"]
+        self.label: np.ndarray = run.surfels.numpy()["label"]
         self._index = wp.full((camera.height, camera.width), -1, dtype=wp.int32, device=run.surfels.device)
 
     def index(self, T_world_camera: np.ndarray) -> np.ndarray:
@@ -38,4 +38,4 @@ class MapRenderer:
     def __call__(self, T_world_camera: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """What `labels` gives, and class probabilities, shape (H, W, 13)."""
         label = self.labels(T_world_camera)
-        return label, self.probabilities[np.asarray(self._index.numpy())]
+        return label, np.take(self.probabilities, self._index.numpy(), axis=0)

@@ -196,7 +196,7 @@ class Tracker:
         icp = rgb = None
         open_, rest, T_start = EVERYTHING_HELD, expected, T_target_source
         depth = _middle_depth(source[-1])
-        if stays_on_device(model.level(-1).vertex.device):
+        if stays_on_device(wp.get_device(model.level(-1).vertex.device)):
             found = self._on_device(source, model, T_target_source, iterations, gain, expected, rows, depth)
             if found is not None:
                 T, icp, rgb = found

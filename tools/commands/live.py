@@ -130,7 +130,7 @@ def _watchers(
     args: Args, mapper: Mapper, controls: Controls, held: contextlib.ExitStack
 ) -> tuple[Callable[[Moment], None], Callable[[str], None]]:
     """What is shown every frame, and who is told what happens."""
-    shows: list[Callable[[Moment], None]] = []
+    shows: list[Callable[[Mapper, Moment], None]] = []
     says: list[Callable[[str], None]] = [print]
     if args.view:
         from dsmap.tools.live.page import LivePage

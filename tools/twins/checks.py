@@ -28,6 +28,7 @@ from dsmap.tools.twins.map_checks import MAP_CHECKS
 from dsmap.tools.twins.scene import CAMERA, TIME, frame_arrays, frame_maps, pose, softmax_image, surfel_map
 
 _SHAPE = (CAMERA.height, CAMERA.width)
+_SURFACE = ("vertex", "normal", "intensity")
 
 
 def _scene(
@@ -36,7 +37,7 @@ def _scene(
     """Pose, the frame's arrays and maps, surfels, and the match of both."""
     T, arrays = pose(seed), frame_arrays(seed)
     maps, m = frame_maps(arrays, device), surfel_map(T, count, seed, device=device)
-    match = wp.empty(_SHAPE, dtype=wp.int32, device=device)
+    match = wp.full(_SHAPE, 0, dtype=wp.int32, device=device)
     associate_surfels(m, CAMERA, T, maps, match=match)
     return T, arrays, maps, m, match
 
@@ -103,10 +104,9 @@ def _joint(device: Any) -> float:
     T = exp_se3(np.array([0.01, 0.0, 0.005, 0.0, 0.01, 0.0]))
     found = odometry.joint_normal_equations(corner.LEVEL_CAMERAS[1], gates, second.surface, view)(T)
     arrays = [
-        [getattr(s, n).numpy().astype(np.float64) for n in ("vertex", "normal", "intensity")]
-        for s in (second, view)
+        [getattr(s, n).numpy().astype(np.float64) for n in names]
+        for s, names in ((second, _SURFACE), (view, (*_SURFACE, "gradient")))
     ]
-    arrays[1].append(view.gradient.numpy().astype(np.float64))
     rows = images.joint_rows(corner.LEVEL_CAMERAS[1], T, gates, *arrays)
     return max(_of_equations(got, r) for got, r in zip(found, rows, strict=True))
 
@@ -123,10 +123,9 @@ def _registration(device: Any) -> float:
         rgb_balance=config.rgb_balance, held=0.0, from_metres=np.eye(6), coloured=True, prior=None, rows=None,
     )  # fmt: skip
     arrays = [
-        [getattr(s, n).numpy().astype(np.float64) for n in ("vertex", "normal", "intensity")]
-        for s in (second, view)
+        [getattr(s, n).numpy().astype(np.float64) for n in names]
+        for s, names in ((second, _SURFACE), (view, (*_SURFACE, "gradient")))
     ]
-    arrays[1].append(view.gradient.numpy().astype(np.float64))
     terms = [images.normal_equations(r) for r in images.joint_rows(camera, np.eye(4), gates, *arrays)]
     means = [squares / count for _, _, squares, count in terms]
     w = min(config.w_rgb, config.rgb_balance * means[0] / means[1])
@@ -177,7 +176,7 @@ def _predict(device: Any) -> float:
 
 def _coverage(device: Any) -> float:
     T, arrays, maps, m, match = _scene(device)
-    seen, is_new = ModelMaps.empty(*_SHAPE, device), wp.empty(_SHAPE, dtype=wp.int32, device=device)
+    seen, is_new = ModelMaps.empty(*_SHAPE, device), wp.full(_SHAPE, 0, dtype=wp.int32, device=device)
     predict_model(m, CAMERA, T, max_depth=3.0, maps=seen, resolution=0.07)
     find_uncovered(CAMERA, T, maps, match, 0.07, MapView(CAMERA, T, seen.vertex, seen.normal), is_new)
     view = (CAMERA, T, seen.vertex.numpy(), seen.normal.numpy())

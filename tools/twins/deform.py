@@ -22,7 +22,7 @@ def influences(positions, node_times, window, p, t) -> list[tuple[int, float]]:
     """(node, weight) of a point: w = (1 - |p - g| / d_max)^2 over the k nearest, normalised."""
     order = sorted(candidates(node_times, t, window), key=lambda n: (np.linalg.norm(p - positions[n]), n))
     d_max = max(np.linalg.norm(p - positions[order[K]]), 1e-12)
-    raw = [(1 - np.linalg.norm(p - positions[n]) / d_max) ** 2 for n in order[:K]]
+    raw = [(1 - float(np.linalg.norm(p - positions[n])) / float(d_max)) ** 2 for n in order[:K]]
     if sum(raw) <= 1e-12:
         return [(n, 1 / K) for n in order[:K]]
     return [(n, w / sum(raw)) for n, w in zip(order, raw, strict=False)]

@@ -43,7 +43,7 @@ def _bilateral(device: Any) -> float:
 
 def _colour(device: Any) -> float:
     rgb = np.random.default_rng(0).integers(0, 256, (*_SHAPE, 3), dtype=np.uint8)
-    colour = wp.empty(_SHAPE, dtype=wp.vec3, device=device)
+    colour = wp.full(_SHAPE, wp.vec3(), dtype=wp.vec3, device=device)
     grey = wp.empty(_SHAPE, dtype=float, device=device)
     half = wp.empty((_SHAPE[0] // 2, _SHAPE[1] // 2), dtype=float, device=device)
     filters.colour(wp.array(rgb, dtype=wp.uint8, device=device), colour)
@@ -66,11 +66,13 @@ def _free_space(device: Any) -> float:
     rng, vertex = np.random.default_rng(0), frame_arrays()["vertex"]
     poses = [exp_se3(rng.normal(0, 0.05, 6)) for _ in range(3)]
     past = [frame_arrays(k)["depth"] + np.float32(0.03 * k) for k in range(1, 4)]
-    options = {"margin": 0.04, "margin_z2": 0.03}
-    out = {name: wp.empty(_SHAPE, dtype=wp.uint8, device=device) for name in ("free", "known")}
-    was_free_space(CAMERA, _vectors(vertex, device), poses, past, **out, **options)
-    expected = views.was_free_space(CAMERA, vertex.astype(np.float64), poses, past, **options)
-    return max(_share(a.numpy() != e) for a, e in zip(out.values(), expected, strict=True))
+    near, far = 0.04, 0.03
+    free, known = (wp.full(_SHAPE, 0, dtype=wp.uint8, device=device) for _ in range(2))
+    was_free_space(
+        CAMERA, _vectors(vertex, device), poses, past, free=free, known=known, margin=near, margin_z2=far
+    )
+    expected = views.was_free_space(CAMERA, vertex.astype(np.float64), poses, past, near, far)
+    return max(_share(a.numpy() != e) for a, e in zip((free, known), expected, strict=True))
 
 
 def _things(device: Any) -> float:
@@ -86,7 +88,7 @@ def _reactivation(device: Any) -> float:
     m = surfel_map(T, count=800, seed=1, device=device)
     before = {name: np.array(values) for name, values in m.numpy().items()}
     inactive = frame_arrays(1)["vertex"]
-    active = inactive + np.float32([0, 0, 0.03]) * (np.arange(_SHAPE[1]) % 3 - 1)[None, :, None]
+    active = inactive + np.array([0, 0, 0.03], np.float32) * (np.arange(_SHAPE[1]) % 3 - 1)[None, :, None]
     active[inactive[..., 2] == 0] = 0
     expected = views.reactivate(before, CAMERA, T, inactive, active, **gates)
     reactivate(m, CAMERA, T, _vectors(inactive, device), _vectors(active, device), time=TIME, **gates)

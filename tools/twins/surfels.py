@@ -150,7 +150,7 @@ def associate_surfels(
         if v[2] <= 0 or abs((p - v) @ ray) >= gate or cos_angle <= 0:
             continue
         other = cos_angle <= np.cos(max_angle)
-        best[at] = min(best.get(at, (True, np.inf, -1)), (other, np.linalg.norm(np.cross(p, ray)), i))
+        best[at] = min(best.get(at, (True, np.inf, -1)), (other, float(np.linalg.norm(np.cross(p, ray))), i))
     match = np.full((camera.height, camera.width), -1)
     for at, (other, _, i) in best.items():
         match[at] = -2 if other else i

@@ -7,7 +7,7 @@ from dsmap.tools.twins import surfels
 
 def was_free_space(camera, vertex, poses, past, margin, margin_z2) -> tuple[np.ndarray, np.ndarray]:
     """Points where an earlier frame saw further (free), and where the first one has depth (known); uint8, (H, W)."""
-    free, known = np.zeros((2, *vertex.shape[:2]), np.uint8)
+    free, known = (np.zeros(vertex.shape[:2], np.uint8) for _ in range(2))
     for y, x in np.ndindex(free.shape):
         for number, (T, depth) in enumerate(zip(poses, past, strict=True)):
             if vertex[y, x, 2] > 0:
