@@ -301,7 +301,7 @@ class SegmentConfig:
     """Cost of a step in colour, RGB in [0, 1], against that of a concave right angle (1)."""
     label: Annotated[float, Range(0, 1e6)] = 1.0
     """Cost of neighbours that have no class in common."""
-    weight: Share = 0.9
+    weight: Share = 0.8
     """Share of its segment in a surfel's log probabilities; 0: nothing changes, 1: a segment has one class."""
     sharpness: Annotated[float, Range(0, 100, above=True)] = 1.3
     """Power of the pooled probabilities: what most of a segment says is right more often than its share."""
