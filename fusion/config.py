@@ -53,7 +53,7 @@ class TrackConfig:
     """Tracking begins with a pre-alignment of the rotation alone on the coarsest level."""
     view_width: Annotated[int, Range(1, 1_000_000)] = 480
     """The model is predicted, and frames are registered to it, on the finest pyramid level of at most this many
-    columns: a map of a few millimetres shows no more in larger images. (Levels halve: 640 columns become 320.)"""
+    columns: a map of a few millimetres shows no more in larger images. Levels halve: 640 columns become 320."""
     min_inlier_fraction: Share = 0.1
     """A frame is lost if a smaller share of its pixels (of those with depth that fall into the model view) is
     associated."""
