@@ -28,7 +28,9 @@ from dsmap.kernels.types import FrameMaps, SurfelMap
 from dsmap.ranges import check_ranges
 
 _SETTLED = 5
-"""A map in which so many frames were tracked stays, whatever comes."""
+"""A map in which so many frames were surely tracked stays, whatever comes."""
+_SETTLED_ANYHOW = 30
+"""And one in which so many were, surely or not."""
 _ENOUGH = 40
 """So many lost frames in a row that fit each other outweigh a map that is not settled: longer than a covered lens."""
 
@@ -100,6 +102,7 @@ class Mapper:
         self.begins_at = 0
         """The map's first frame: those before it were lost with a start that no later frame fitted."""
         self._may_begin_anew = config.poses == "track" and surfels is None and not frozen
+        self._sure_frames = 0
         self._rival: Mapper | None = None
         """A map of the frames that this one lost, while it hardly began."""
 
@@ -167,7 +170,7 @@ class Mapper:
     @property
     def settled(self) -> bool:
         """Whether the map is here to stay; until then a bad first frame (noise, a hand) may be given up."""
-        if self._may_begin_anew and self.tracked_frames >= _SETTLED:
+        if self._may_begin_anew and (self._sure_frames >= _SETTLED or self.tracked_frames >= _SETTLED_ANYHOW):
             self._may_begin_anew, self._rival = False, None
         return not self._may_begin_anew
 
@@ -184,6 +187,7 @@ class Mapper:
         itself as well, hence the gate on how surely their poses are known.
         """
         if result.tracked or not self.tracked_frames:
+            self._sure_frames += result.tracked and self._is_sure(result)
             self._rival = None
             return result
         seen = result
@@ -192,14 +196,17 @@ class Mapper:
                 self._rival = Mapper(self.config, self.intrinsics, self.segmenter)
                 self._rival.be_rival_of(self)
             seen = self._rival.step(frame, maps)
-            sure = seen.health is None or seen.health.cofactor.max() <= self.config.loops.max_covariance
-            if seen.tracked and sure:
+            if seen.tracked and self._is_sure(seen):
                 break
             self._rival = None
         if self._rival is None or self._rival.tracked_frames < _ENOUGH:
             return result
         self._begin_anew(self._rival)
         return seen
+
+    def _is_sure(self, result: StepResult) -> bool:
+        """Whether the images fix the pose of a tracked frame: a bare wall, or a hand, fits itself anywhere."""
+        return result.health is None or result.health.cofactor.max() <= self.config.loops.max_covariance
 
     def be_rival_of(self, other: "Mapper") -> None:
         """Begin a map with the frame that another mapper has just lost; the frames before are lost for both."""

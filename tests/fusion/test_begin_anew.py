@@ -71,6 +71,17 @@ def test_garbage_first(garbage):
     assert [r.tracked for r in results] == [False] * 5 + [True] * 4
 
 
+def test_a_hand_that_stays_for_some_frames_fixes_no_pose_and_is_given_up():
+    m = Mapper(config(), INTRINSICS)
+    grey, depth = np.full((H, W, 3), 20, np.uint8), np.full((H, W), 0.4)
+    covered = [m.step(numbered(i, grey, depth)) for i in range(8)]
+    assert sum(r.tracked for r in covered) >= 5 and not m.settled
+    with pytest.warns(InputWarning, match="begins anew at frame 8"):
+        for i, f in enumerate(GOOD, start=8):
+            m.step(numbered(i, f.rgb, f.depth))
+    assert m.trajectory.tracked.tolist() == [False] * 8 + [True] * 9
+
+
 def test_a_short_recording_is_settled_at_its_end():
     m = Mapper(config(), INTRINSICS)
     m.step(numbered(0, *noise()))

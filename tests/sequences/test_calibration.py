@@ -66,6 +66,7 @@ _TURNED = [[1.0, 0.0, 0.0, 25.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0
         ({"cx": 700.0}, "cx 700, cy 239.5, expected"),
         ({"cx": 0.4992, "cy": 0.499, "fx": 0.82, "fy": 1.09}, "expected a focal length in pixels"),
         ({"fy": 319.5, "cx": 525.0}, "the order is fx, fy, cx, cy"),
+        ({"cx": 239.5, "cy": 319.5}, "cx 239.5, cy 319.5, .* probably exchanged"),
         ({"fx": 3.6, "fy": 3.6}, "expected a focal length in pixels"),
         ({"width": 640.5}, "expected a whole number of pixels"),
         ({"depth_scale": 0.001}, "metres per unit. then write 1000"),
@@ -86,6 +87,7 @@ def test_misspelled_keys_and_values_of_another_unit_are_refused(tmp_path, change
     [
         {"width": 848, "height": 480, "fx": 610.0, "fy": 609.2, "cx": 424.1, "cy": 241.3},
         {"width": 192, "height": 256, "fx": 212.0, "fy": 212.0, "cx": 95.2, "cy": 127.8},
+        {"width": 640, "height": 576, "fx": 504.0, "fy": 504.0, "cx": 320.0, "cy": 288.0},
         {"width": 1024, "height": 1024, "fx": 252.0, "fy": 252.0, "cx": 511.5, "cy": 511.5},
         {"width": 640, "height": 480, "fx": 472.5, "fy": 630.0, "cx": 320.0, "cy": 240.0},
     ],

@@ -56,6 +56,7 @@ FILES = {
     "camera.txt": f"fx = {FX}\nfy = {FY}\ncx = {CX}\ncy = {CY}\n",
     "intrinsic/intrinsic_color.txt": "\n".join(" ".join(str(v) for v in row) for row in K4),
     "room.yaml": ORB,
+    "room_Color_metadata_15543.csv": f"Frame Info: \nType,Color\nFx,{FX}\nFy,{FY}\nPPx,{CX}\nPPy,{CY}\n",
     "camera_info.yaml": CAMERA_INFO,
 }
 WRITERS: dict[str, Callable[[Path], Path]] = {"redwood": write_redwood, "7-scenes": write_seven_scenes}

@@ -17,6 +17,8 @@ _SQUEEZE = 1.5
 """No camera's pixels, nor an image squeezed from 16:9 to 4:3, differ more in width and height."""
 _SUSPICIOUS_SQUEEZE, _SUSPICIOUS_SHIFT = 1.2, 0.25
 """Together they mean another order of the four numbers: fx / fy, and the principal point off the centre [widths]."""
+_NOT_SQUARE, _CENTRED = 0.2, 0.06
+"""Principal points this near the other side's centre [its length] are exchanged, unless the image is nearly square."""
 _MAX_DISTORTION = {
     "k1": 50.0, "k2": 500.0, "p1": 0.5, "p2": 0.5, "k3": 500.0, "k4": 500.0, "k5": 500.0, "k6": 500.0,
 }  # fmt: skip
@@ -75,6 +77,13 @@ def check_camera(where: Any, camera: Intrinsics) -> None:
         raise InputError(
             f"{where}: found fx {fx:g}, fy {fy:g}, cx {cx:g}, cy {cy:g}, expected fx and fy nearly alike and cx, cy "
             f"near the centre of {width}x{height} (the order is fx, fy, cx, cy)"
+        )
+    if abs(width / height - 1) > _NOT_SQUARE and all(
+        abs(found + 0.5 - other / 2) < _CENTRED * other for found, other in ((cx, height), (cy, width))
+    ):
+        raise InputError(
+            f"{where}: found cx {cx:g}, cy {cy:g}, expected values near the centre of {width}x{height}; they are "
+            "probably exchanged"
         )
     if not (-0.5 <= cx <= width - 0.5 and -0.5 <= cy <= height - 0.5):
         raise InputError(

@@ -51,7 +51,7 @@ _SCALES = (
 _COLOUR_FIRST = (re.compile(r"colou?r|rgb"), re.compile(r"depth|infra|(^|_)ir($|_)|tof|imu"))
 """Names of parts of a file that are the colour camera's, and those of another camera."""
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
-_NAMED = re.compile(rf"(?<![\w.])([A-Za-z][\w.]*)[ \t]*(?:[:=][ \t]*|[ \t]+)({_NUMBER})(?![\w.])")
+_NAMED = re.compile(rf"(?<![\w.])([A-Za-z][\w.]*)[ \t]*(?:[:=,][ \t]*|[ \t]+)({_NUMBER})(?![\w.])")
 _COLMAP = re.compile(
     rf"(?m)^\s*\d+\s+(SIMPLE_PINHOLE|PINHOLE|SIMPLE_RADIAL|RADIAL|OPENCV)\s+(\d+)\s+(\d+)((?:\s+{_NUMBER})+)\s*$"
 )
@@ -246,6 +246,11 @@ def _of_colmap(model: str, size: tuple[int, int], p: list[float]) -> FileCamera 
         values[0], values[1], values[2] - 0.5, values[3] - 0.5, size=size, distortion=distortion,
         model="fisheye" if "FISHEYE" in model else "radtan",
     )  # fmt: skip
+
+
+def camera_of(content: dict[str, Any]) -> FileCamera | None:
+    """The camera that a part of a JSON file states, or None."""
+    return _in_content(content, is_by_columns=True)
 
 
 def _in_content(content: Any, is_by_columns: bool = False, scale: float | None = None) -> FileCamera | None:

@@ -41,7 +41,7 @@ _FOLDERS = (
 _SUFFIXES = (".yaml", ".yml", ".json", ".txt", ".xml", ".npy", ".npz", ".ini", ".cfg", ".conf", ".csv")
 _ANY_NAME = (".yaml", ".yml", ".json", ".xml", ".ini", ".cfg", ".conf")
 """Suffixes of files that may state a camera whatever they are called; others must say so in their name."""
-_NAMES_OF_CAMERAS = ("intrinsic", "camera", "calib", "cam_", "_cam")
+_NAMES_OF_CAMERAS = ("intrinsic", "camera", "calib", "cam_", "_cam", "color_metadata")
 _MAX_LOOKED_AT = 40
 _SAME_ASPECT = 0.01
 _DIFFERENT = 0.01

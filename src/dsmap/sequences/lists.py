@@ -17,6 +17,8 @@ from dsmap.sequences.text import is_number, read_lines
 _GAP = r"[\s,;]+"
 _STAMP = r"([-+]?[\d.]+(?:[eE][-+]?\d+)?)"
 _COLUMN = re.compile(rf"{_STAMP}{_GAP}")
+_PLAIN = re.compile(r"[^\s,;\"'\\]+")
+"""A name that can be spelt in one way."""
 _LOOKED_AT = 20
 """Lines of a list from which its arrangement is told."""
 _MANY_ALIKE = 0.1
@@ -42,6 +44,8 @@ class ImageList:
 
 def _plain_number(text: str) -> str:
     """A stamp with commas: those between thousands go (1,560,000,083.25), a lone one is the decimal point."""
+    if "," not in text:
+        return text
     if re.fullmatch(r"\d{1,3}(?:,\d{3})+(?:\.\d+)?", text) and (text.count(",") > 1 or "." in text):
         return text.replace(",", "")
     return text.replace(",", ".", 1)
@@ -194,6 +198,8 @@ class _Files:
 
 def _spellings(text: str) -> list[str]:
     """The rest of a line as a name that may have blanks, and its first word: more columns may follow."""
+    if _PLAIN.fullmatch(text):  # nearly all: lists have a million lines
+        return [text]
     text = text.strip().strip("\"'").replace("\\", "/").strip()
     return list(dict.fromkeys((text, re.split(_GAP, text)[0].strip("\"'"))))
 

@@ -24,6 +24,7 @@ from dsmap.sequences.found_calibration import check_assumed, find_calibration, w
 from dsmap.sequences.images import asks_to_be_turned, image_size, is_depth, stored_depth
 from dsmap.sequences.label_check import settle_labels
 from dsmap.sequences.label_maps import load_label_map
+from dsmap.sequences.own_depth_camera import with_own_depth_camera
 from dsmap.sequences.redwood import is_redwood, read_redwood
 from dsmap.sequences.seven_scenes import are_rigid, is_seven_scenes, read_seven_scenes
 from dsmap.sequences.tum import is_tum, read_tum
@@ -216,6 +217,8 @@ def _stated_or_assumed(
     try:
         with reading(recording.path, "a camera in the files beside the images"):
             found = find_calibration(recording.path, recording.layout, size, depth_size, recording.notes)
+            if found is not None:
+                found = with_own_depth_camera(found, recording, depth_size)
     except InputError:
         if not is_given:
             raise

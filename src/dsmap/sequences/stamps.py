@@ -1,7 +1,7 @@
 """Time stamps of unknown unit: seconds, milli-, micro-, nanoseconds, or just the number of the frame."""
 
 from dataclasses import dataclass
-from decimal import Decimal, InvalidOperation
+from decimal import Decimal
 
 import numpy as np
 
@@ -53,8 +53,8 @@ def unit_of(words: list[str]) -> Unit:
         words: as written.
     """
     try:
-        values = np.array([float(Decimal(word)) for word in words])
-    except InvalidOperation:
+        values = np.array([float(word) for word in words])
+    except ValueError:
         return SECONDS
     if not len(values):
         return SECONDS

@@ -1,8 +1,8 @@
 """Reading the text files that people's recorders and editors leave: encodings, separators, names with spaces."""
 
 import re
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,8 +17,7 @@ _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?$", re.ASCII)
 _LONGEST_NUMBER, _LARGEST_NUMBER = 60, 1e30
 
 
-@dataclass(frozen=True)
-class TextLine:
+class TextLine(NamedTuple):
     """A line of a list that is no comment."""
 
     number: int
@@ -56,8 +55,12 @@ def read_text(path: Path) -> str:
 
 def read_lines(path: Path) -> list[TextLine]:
     """The lines of a text file that are neither empty nor comments."""
-    lines = [TextLine(number, line.strip()) for number, line in enumerate(read_text(path).splitlines(), 1)]
-    return [line for line in lines if line.text and not line.text.startswith(COMMENTS)]
+    stripped = (line.strip() for line in read_text(path).splitlines())
+    return [
+        TextLine(number, line)
+        for number, line in enumerate(stripped, 1)
+        if line and not line.startswith(COMMENTS)
+    ]
 
 
 def is_number(word: str) -> bool:
