@@ -3,7 +3,6 @@
 import collections
 import itertools
 import json
-import shlex
 import shutil
 import warnings
 from pathlib import Path
@@ -99,9 +98,19 @@ def test_a_failed_checkpoint_is_warned_of_and_mapping_goes_on(tmp_path):
 @pytest.mark.slow
 def test_a_command_whose_nth_write_fails_can_be_resumed(tmp_path, capsys):
     recording = record(tmp_path / "room", repeat=2)  # 56 frames
-    flags = (
-        "--segmenter labels --device cpu --no-pictures --size 64x48 --stop 40 --checkpoint-every 10".split()
-    )
+    flags = [
+        "--segmenter",
+        "labels",
+        "--device",
+        "cpu",
+        "--no-pictures",
+        "--size",
+        "64x48",
+        "--stop",
+        "40",
+        "--checkpoint-every",
+        "10",
+    ]
 
     def mapped(out: Path, *more: str) -> int:
         with warnings.catch_warnings():
