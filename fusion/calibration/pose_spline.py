@@ -10,14 +10,13 @@ from scipy.interpolate import BSpline, make_interp_spline
 from scipy.spatial.transform import Rotation
 
 _DEGREE = 3
-LEAST_FRAMES = 6
 
 
 class PoseSpline:
     """Weights of control poses at any time near a window's frames.
 
     Args:
-        times: of the frames [s], increasing, shape (F,), `LEAST_FRAMES` at least.
+        times: of the frames [s], increasing, shape (F,), six at least.
     """
 
     def __init__(self, times: np.ndarray):

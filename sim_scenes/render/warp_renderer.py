@@ -103,11 +103,6 @@ class WarpRenderer:
             np.ascontiguousarray(hit[..., 0], dtype=np.int32),
         )
 
-    @property
-    def kernel_name(self) -> str:
-        """Name and hash of the compiled kernel, once a frame was rendered: equal names share one compilation."""
-        return str(self._context._megakernel.module.name)  # pyright: ignore[reportOptionalMemberAccess]
-
     def close(self) -> None:
         """Free the model and its images."""
         del self._model, self._data, self._context

@@ -1,8 +1,9 @@
-"""Hand-made scenes for tests: two rooms with a door between them."""
+"""Hand-made scenes for tests: two rooms with a door between them; what a renderer has compiled."""
 
 import numpy as np
 
 from dsmap.sim_scenes.geometry.shapes import box
+from dsmap.sim_scenes.render.warp_renderer import WarpRenderer
 from dsmap.sim_scenes.scene import Door, Light, Material, Part, Room, Scene
 
 
@@ -38,3 +39,8 @@ def two_rooms() -> Scene:
     scene.targets = [np.array(p) for p in points]
     scene.lights = [Light(np.array([x, 0.0, 2.3]), np.full(3, 0.5), np.zeros(3)) for x in (-2.0, 2.0)]
     return scene
+
+
+def compiled_kernel(renderer: WarpRenderer) -> str:
+    """Name and hash of the compiled kernel, once a frame was rendered: equal names share one compilation."""
+    return str(renderer._context._megakernel.module.name)

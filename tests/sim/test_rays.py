@@ -5,6 +5,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from sim_toys import compiled_kernel
 
 from dsmap.sim_scenes.geometry.shapes import box
 from dsmap.sim_scenes.importers.load import load_scene
@@ -77,10 +78,10 @@ def test_one_kernel_serves_rooms_toys_and_imported_scenes(tmp_path: Path) -> Non
     ):
         renderer = WarpRenderer(scene, CAMERA)
         renderer(DOWN)
-        names.add(renderer.kernel_name)
+        names.add(compiled_kernel(renderer))
     bent = WarpRenderer(toy(), replace(CAMERA, distortion=(-0.1, 0.0, 0.0, 0.0, 0.0)), shadows=False)
     bent(DOWN)
-    assert names == {bent.kernel_name}
+    assert names == {compiled_kernel(bent)}
 
 
 def test_every_mood_lights_every_room_of_a_flat() -> None:

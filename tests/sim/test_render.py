@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import trimesh
 import yaml
+from sim_toys import compiled_kernel
 
 from dsmap.errors import InputError
 from dsmap.sequences import open_sequence
@@ -123,7 +124,7 @@ def test_one_compiled_kernel_serves_all_scenes() -> None:
     for name, seed in (("living_room", 1), ("bedroom", 5)):
         renderer = WarpRenderer(build_scene(name, seed), default_camera(32, 24))
         renderer(np.eye(4))
-        keys.add(renderer.kernel_name)
+        keys.add(compiled_kernel(renderer))
     assert len(keys) == 1
 
 
