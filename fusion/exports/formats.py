@@ -16,12 +16,15 @@ from dsmap.fusion.exports.labels_2d import export_labels_2d
 from dsmap.fusion.exports.level import level_transform
 from dsmap.fusion.exports.nerfstudio import export_nerfstudio
 from dsmap.fusion.exports.nyu40 import export_nyu40
+from dsmap.fusion.exports.objects_glb import split_surface, write_objects_glb
 from dsmap.fusion.exports.occupancy import CELL_M, occupancy_grid, write_occupancy
 from dsmap.fusion.exports.octomap import OCTREE_VOXEL_M, octomap_voxels, write_octomap
 from dsmap.fusion.exports.rerun_log import write_rerun
 from dsmap.fusion.exports.run_frames import RunFrames
 from dsmap.fusion.exports.splat import write_splat
+from dsmap.fusion.objects.things import find_objects
 from dsmap.fusion.runs.read_run import SavedRun
+from dsmap.kernels.label import posterior
 from dsmap.sequences import Sequence
 
 
@@ -111,6 +114,17 @@ def _mesh(job: ExportJob, out: Path) -> str:
     return f"{len(found.vertices):,} vertices, {len(found.faces):,} triangles"
 
 
+def _objects(job: ExportJob, out: Path) -> str:
+    run, T_level_world = job.mapped, level_transform(job.mapped)
+    labels, surfels = run.config.labels, run.surfels.numpy()
+    probabilities = posterior(run.surfels, labels.rule, temperature=labels.posterior_temperature)
+    scene = find_objects(surfels, probabilities, T_level_world[2, :3])
+    found = surface.surface_of(job.surfels, job.cell or surface.MESH_VOXEL_M)
+    shown = mesh.in_class_colours(found) if job.class_colours else found
+    count = write_objects_glb(out, split_surface(shown, surfels, scene), scene, T_level_world)
+    return f"{count} of {len(scene.things)} things, {len(scene.planes)} planes"
+
+
 def _points(job: ExportJob, out: Path) -> str:
     return f"{points.WRITERS[job.type](out, job.surfels):,} points"
 
@@ -153,6 +167,7 @@ def _images(write: Callable[[Sequence, Path], int]) -> Callable[[ExportJob, Path
 FORMATS: dict[str, Format] = {
     "trajectory": Format("poses", _trajectory, ("tum", "kitti", "euroc"), True, suffix="txt"),
     "mesh": Format("a surface with colours and labels", _mesh, ("ply", "obj", "glb")),
+    "objects": Format("every thing a node of one file", _objects, ("glb",)),
     "points": Format("surfels as points", _points, ("ply", "pcd", "las", "e57")),
     "occupancy": Format("a 2D grid for ROS's map_server", _occupancy, ("yaml",)),
     "octomap": Format("a 3D grid for OctoMap", _octomap, ("bt", "ot")),

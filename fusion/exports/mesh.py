@@ -49,7 +49,7 @@ def write_mesh_glb(path: Path, surface: SurfaceMesh, T_level_world: np.ndarray) 
     from trimesh.exchange.gltf import export_glb
     from trimesh.visual import ColorVisuals
 
-    vertices, normal = _upright(surface, T_level_world)
+    vertices, normal = upright(surface, T_level_world)
     mesh = trimesh.Trimesh(vertices, surface.faces, vertex_normals=normal, process=False)
     mesh.visual = ColorVisuals(mesh, vertex_colors=surface.colour)
     mesh.vertex_attributes["_LABEL"] = surface.label.astype(np.float32)
@@ -68,7 +68,7 @@ def write_mesh_obj(path: Path, surface: SurfaceMesh, T_level_world: np.ndarray) 
     from trimesh.exchange.obj import export_obj
     from trimesh.visual import ColorVisuals
 
-    vertices, normal = _upright(surface, T_level_world)
+    vertices, normal = upright(surface, T_level_world)
     mesh = trimesh.Trimesh(vertices, surface.faces, vertex_normals=normal, process=False)
     mesh.visual = ColorVisuals(mesh, vertex_colors=surface.colour)
     with atomic_path(path) as temporary:
@@ -88,6 +88,7 @@ def in_class_colours(surface: SurfaceMesh) -> SurfaceMesh:
     )
 
 
-def _upright(surface: SurfaceMesh, T_level_world: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def upright(surface: SurfaceMesh, T_level_world: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices [m] and normals with y up and the floor at 0, shape (V, 3) each."""
     T = _T_GLTF_LEVEL @ T_level_world
     return transformed(T, surface.vertices), surface.normal @ T[:3, :3].T

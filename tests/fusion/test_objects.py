@@ -235,3 +235,40 @@ def test_map_refines_at_its_end(tmp_path):
         after["label"], again["label"], "from the measured labels, not refined twice"
     )
     assert json.loads((tmp_path / "crf" / "objects.json").read_text())["structure"]
+
+
+def test_every_thing_is_a_node(tmp_path):
+    """All of the surface is in the file, each piece under the name that objects.json gives it."""
+    trimesh = pytest.importorskip("trimesh")
+    path = corner_frames.record(tmp_path / "recording")
+    argv = [
+        str(path),
+        "--segmenter",
+        "labels",
+        "--poses",
+        "given",
+        "--no-pictures",
+        "--out",
+        str(tmp_path / "run"),
+    ]
+    assert run("map", argv) == 0
+    common = [str(tmp_path / "run"), "--cell", "0.03", "--to"]
+    assert run("export", [*common, "objects", "--out", str(tmp_path / "objects.glb")]) == 0
+    assert run("export", [*common, "mesh", "--out", str(tmp_path / "mesh.glb")]) == 0
+    scene = trimesh.load(tmp_path / "objects.glb", process=False)
+    tree = json.loads((tmp_path / "run" / "objects.json").read_text())
+    named = {one["name"]: one for one in (*tree["objects"], *tree["structure"])}
+    parts = {name: scene.geometry[scene.graph[name][1]] for name in scene.graph.nodes_geometry}
+    assert set(parts) - {"rest"} <= set(named) and len(set(parts) & set(named)) > 1
+    for name in set(parts) & set(named):
+        extras = parts[name].metadata
+        assert extras["id"] == named[name]["id"] and extras["class"] == named[name]["class"]
+    whole = trimesh.load(tmp_path / "mesh.glb", process=False, force="mesh")
+    assert sum(len(part.faces) for part in parts.values()) == len(whole.faces)
+    assert sum(part.area for part in parts.values()) == pytest.approx(whole.area, rel=1e-4)
+
+
+def test_nothing_is_split_where_nothing_is():
+    surfels = {name: values[:0] for name, values in furnished_room().items()}
+    scene = find_objects(surfels, np.zeros((0, 13), np.float32), UP)
+    assert scene.things == [] and scene.planes == []

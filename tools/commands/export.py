@@ -30,14 +30,14 @@ class Args:
     recording: Path | None = None
     """The recording that was mapped, if it is no longer where config.yaml says."""
     cell: Annotated[float, Range(0.001, 10)] | None = None
-    """Edge of a voxel or a cell [m]: mesh 0.01, occupancy and octomap 0.05."""
+    """Edge of a voxel or a cell [m]: mesh and objects 0.01, occupancy and octomap 0.05."""
     stride: Every = 1
     """Every n-th tracked frame, where frames are written."""
     min_confidence: Annotated[float, Range(0, 1e6)] | None = None
-    """Leave out surfels of a lower confidence; default: for mesh 0.4 times that of a stable one
+    """Leave out surfels of a lower confidence; default: for mesh and objects 0.4 times that of a stable one
     (surfels.stable_weight), else none."""
     class_colours: bool = False
-    """mesh: the colours of the classes."""
+    """mesh, objects: the colours of the classes."""
 
 
 def main(args: Args) -> None:
@@ -48,7 +48,8 @@ def main(args: Args) -> None:
     run = load_run(args.run)
     confidence = args.min_confidence
     if confidence is None:
-        confidence = _OF_A_MESH * run.config.stable_weight if args.to == "mesh" else 0.0
+        of_mesh = args.to in ("mesh", "objects")
+        confidence = _OF_A_MESH * run.config.stable_weight if of_mesh else 0.0
     job = ExportJob(
         run, lambda: recording_of(run, args.recording, undistort=True), kind, args.cell, args.stride,
         confidence, args.class_colours,
