@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Any
 
+from dsmap.fusion.evaluate.floor_plan import evaluate_floor_plan
 from dsmap.fusion.evaluate.loops import evaluate_loops
 from dsmap.fusion.evaluate.objects import evaluate_objects
 from dsmap.fusion.evaluate.semantics import EVALUATION_SIZE, evaluate_semantics
@@ -35,7 +36,8 @@ def evaluate_run(
         sfm: compare with structure from motion, too: `trajectory.sfm`.
 
     Returns:
-        The nested tree `trajectory, loops, surface, semantics, objects, map, speed` (docs: the evaluation section).
+        The nested tree `trajectory, loops, surface, semantics, objects, floor_plan, map, speed` (docs:
+        the evaluation section).
         What lacks ground truth is None, with a `reason` beside it.
 
     Raises:
@@ -54,6 +56,7 @@ def evaluate_run(
         "surface": surface,
         "semantics": semantics | {"surfels": surfel_labels},
         "objects": evaluate_objects(run, small),
+        "floor_plan": evaluate_floor_plan(run, small, alignment),
         "map": _from_stats(run.stats, "map", _MAP_KEYS),
         "speed": _from_stats(run.stats, "speed", _SPEED_KEYS),
     }

@@ -22,6 +22,7 @@ def run_tables(metrics: dict[str, Any]) -> str:
         _section("Surface", metrics["surface"], _surface_rows(metrics["surface"])),
         _labels(metrics["semantics"]),
         _section("Objects", metrics["objects"], _object_rows(metrics["objects"])),
+        _section("Floor plan", metrics["floor_plan"], _floor_plan_rows(metrics["floor_plan"])),
         _section("Map", metrics["map"], [(k.replace("_", " "), _count(metrics["map"][k])) for k in _MAP]),
         _section("Speed", metrics["speed"], _speed_rows(metrics["speed"])),
     ]
@@ -97,6 +98,14 @@ def _object_rows(o: dict[str, Any]) -> list[tuple[str, str]]:
     if o["supports"] is not None:
         rows.append(("supports", "{right} right of {stated} stated, {asked} asked".format(**o["supports"])))
     return rows
+
+
+def _floor_plan_rows(f: dict[str, Any]) -> list[tuple[str, str]]:
+    return [
+        ("cells called free that are", _percent(f["free_precision"])),
+        ("free cells that were seen, found", _percent(f["free_recall"])),
+        ("occupied cells called free", _percent(f["occupied_as_free"])),
+    ]
 
 
 def _speed_rows(s: dict[str, Any]) -> list[tuple[str, str]]:
