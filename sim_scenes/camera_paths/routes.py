@@ -12,6 +12,11 @@ LOOP_M = 16.0
 """A round trip through a flat is at least this long, before corners are cut [m]."""
 ENOUGH_M = 30.0
 """Once it is this long, rooms that are left are not visited any more [m]."""
+FAR_M, FAR_A_ROOM_M = 150.0, 11.0
+"""A round trip through several flats is at least this long, or this long for each of their rooms: comfort counts as
+length, so about seven tenths of it are walked [m]."""
+MOST_ROOMS = 8
+"""No single flat has more rooms."""
 REST_S = 0.6
 """A round trip begins and ends at rest for this long [s]."""
 
@@ -141,10 +146,12 @@ def _through_rooms(stops: Viewpoints, start: int, rng: np.random.Generator) -> l
     """Viewpoints of room after room, nearest first with some chance, until the way there and back is long enough."""
     ways, here, total = stops.space.ways, start, 0.0
     vias: list[int] = []
-    left = [k for k in range(len(stops.rooms)) if start not in stops.rooms[k]]
+    count = len(stops.rooms)
+    left = [k for k in range(count) if start not in stops.rooms[k]]
+    far = max(FAR_M, FAR_A_ROOM_M * count) if count > MOST_ROOMS else 0.0
     while True:
         costs = ways.costs(here)
-        if total + costs[start] >= (ENOUGH_M if left else LOOP_M):
+        if total + costs[start] >= max(far, ENOUGH_M if left else LOOP_M):
             return vias
         left = left or list(range(len(stops.rooms)))
         draws = [stops.draw(rng, room, away_from=ways.points[here]) for room in left]

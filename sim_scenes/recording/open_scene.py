@@ -5,7 +5,7 @@ from pathlib import Path
 from dsmap.errors import InputError
 from dsmap.sim_scenes.importers.load import SCENE_FORMATS, load_scene
 from dsmap.sim_scenes.recording.options import RenderOptions
-from dsmap.sim_scenes.rooms.build import SCENES, build_scene
+from dsmap.sim_scenes.rooms.build import SCENES, build_scene, is_scene
 from dsmap.sim_scenes.scene import Scene
 
 
@@ -16,10 +16,11 @@ def open_scene(options: RenderOptions) -> Scene:
         InputError: neither a kind of room nor a readable scene file.
     """
     name = options.scene
-    if name in SCENES:
+    if is_scene(name):
         return build_scene(name, options.seed)
     if Path(name).suffix.lower() not in SCENE_FORMATS:
         raise InputError(
-            f"unknown scene {name!r}; expected one of: {', '.join(SCENES)}, or a file ({', '.join(SCENE_FORMATS)})"
+            f"unknown scene {name!r}; expected one of: {', '.join(SCENES)}, flats:2, "
+            f"or a file ({', '.join(SCENE_FORMATS)})"
         )
     return load_scene(name, options.class_map, options.up)

@@ -26,6 +26,8 @@ class Blueprint:
     """By room and wall (in the order of `layout.walls_of`)."""
     thickness: list[list[float]] = field(default_factory=list)
     """By room and wall [m]."""
+    bare: set[int] = field(default_factory=set)
+    """Rooms without furniture and pictures."""
 
     def apply(self, layout: Layout) -> list[list[Opening]]:
         """Make the walls of a room's layout as thick as planned; returns their holes."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dsmap.errors import InputError
-from dsmap.sim_scenes.rooms import blueprint, flats, home, lighting, shell, work
+from dsmap.sim_scenes.rooms import blueprint, flats, home, joined_flats, lighting, shell, work
 from dsmap.sim_scenes.rooms.check import check_scene
 from dsmap.sim_scenes.rooms.furnisher import Furnisher
 from dsmap.sim_scenes.rooms.layout import Layout
@@ -50,29 +50,43 @@ MIX: dict[str, float] = {
 
 
 def build_scene(name: str, seed: int) -> Scene:
-    """A furnished room or flat; everything in it follows from its name and seed.
+    """A furnished room, flat or row of flats (`flats:2`); everything in it follows from its name and seed.
 
     A draw in which something overlaps or bars a way (about one in a hundred) is drawn again.
 
     Raises:
         InputError: there is no room of that name.
     """
-    if name not in SCENES:
-        raise InputError(f"unknown scene {name!r}; expected one of: {', '.join(SCENES)}")
+    if not is_scene(name):
+        raise InputError(f"unknown scene {name!r}; expected one of: {', '.join(SCENES)}, flats:2")
+    count = joined_flats.flats_in(name)
+    number = SCENES.index(name) if count is None else 100 + count
     # The first draw's generator is the seed's own; the others have the attempt's number in their key.
-    scene = _draw(name, seed, [seed, SCENES.index(name)])
+    scene = _draw(name, seed, [seed, number])
     for attempt in range(1, ATTEMPTS):
         if not check_scene(scene):
             break
-        scene = _draw(name, seed, [seed, SCENES.index(name), attempt])
+        scene = _draw(name, seed, [seed, number, attempt])
     return scene
+
+
+def is_scene(name: str) -> bool:
+    """Whether `build_scene` takes that name.
+
+    Raises:
+        InputError: flats of a number that cannot be joined.
+    """
+    return name in SCENES or joined_flats.flats_in(name) is not None
 
 
 def _draw(name: str, seed: int, key: list[int]) -> Scene:
     rng = np.random.default_rng(key)
     looks = Looks(rng)
     height = rng.uniform(2.45, 2.75)
-    if name == "flat":
+    count = joined_flats.flats_in(name)
+    if count is not None:
+        plan = joined_flats.draw_flats(rng, height, count)
+    elif name == "flat":
         plan = flats.draw_flat(rng, height)
     else:
         kind = ROOM_KINDS[name]
@@ -92,6 +106,8 @@ def _finish(rng: np.random.Generator, looks: Looks, layout: Layout, plan: bluepr
     """Walls, furniture and pictures of one room; returns the point to look at first."""
     kind = ROOM_KINDS[layout.room.kind]
     shell.close_room(rng, looks, layout, plan.apply(layout))
+    if layout.index in plan.bare:
+        return np.array([*layout.centre, 1.2])
     layout.floor.least = min(1.0, 0.12 * float(np.prod(layout.size[:2])))
     furnisher = Furnisher(rng, looks, layout)
     target = kind.furnish(furnisher)

@@ -15,6 +15,8 @@ from dsmap.sim_scenes.rooms.layout import Layout
 from dsmap.sim_scenes.scene import LEAK, MAX_LIGHTS, Light, Piece, Room, Scene
 from dsmap.sim_scenes.textures.palette import Looks
 
+UNLIT_AMBIENT = 0.65
+"""Least share of the light that comes from everywhere where there are more rooms than lights."""
 HEADROOM = 1.9
 """Lamps do not hang lower than this [m]."""
 
@@ -75,7 +77,10 @@ def light(rng: np.random.Generator, looks: Looks, layouts: Sequence[Layout]) -> 
     fills = [_fill((0.3, -0.5, 1.0), 0.16), _fill((-0.7, 0.45, -0.5), 0.08)]
     kept = _within_budget(by_room, MAX_LIGHTS - len(fills))
     level = rng.uniform(*mood.level)
-    ambient = level * rng.uniform(*mood.ambient)
+    share = rng.uniform(*mood.ambient)
+    if len(layouts) > MAX_LIGHTS:  # not every room has a lamp
+        share = max(share, UNLIT_AMBIENT)
+    ambient = level * share
     fills = [replace(f, diffuse=f.diffuse * level) for f in fills]
     scene.ambient = ambient * (0.6 + 0.4 * (day if mood.daylight else tint))
     scene.lights = _exposed(scene, kept, fills, level) + fills

@@ -28,8 +28,8 @@ class Args:
     """New folder for the sequence (TUM layout with labels, instances, poses and the ground-truth mesh)."""
     scene: str = "living_room"
     """Kind of room: living_room, bedroom, office, kitchen, bathroom, corridor, flat (several rooms joined by
-    doors); with --count also `mix`, the kinds of a training set. Or a scene of your own: .glb, .gltf, .obj,
-    .ply with labels, MuJoCo .xml."""
+    doors), flats:2 to flats:6 (flats in a row joined by bare corridors); with --count also `mix`, the kinds of a
+    training set. Or a scene of your own: .glb, .gltf, .obj, .ply with labels, MuJoCo .xml."""
     class_map: Path | None = None
     """For a scene file: YAML or CSV that maps its names or ids to classes."""
     up: Literal["y", "z"] | None = None
