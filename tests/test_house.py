@@ -14,15 +14,9 @@ SAME_ROLE = {
     "Args": "the options of each command",
     "main": "the entry of each command",
     "READER": "the reader of each format",
-    "WRITERS": "the kinds of file of each export",
-    "SETTINGS": "the trials of each experiment",
-    "TILED": "the tileable textures of each file, joined by the palette",
-    "RANGE_M": "the range of each depth sensor",
-    "axial_sigma": "the depth error of each sensor",
     "connect": "the first call to each live camera",
-    "INTRINSICS": "the camera of each scene of the twins",
 }
-"""Names that several modules offer because they play the same part in all of them."""
+"""What a command, a format and a camera must offer: the only names that several modules offer."""
 TWINS = ("tools/twins/", "kernels/se3.py")
 """What does the same as something else by other means, with its names: kernels in NumPy, `fusion/lie.py` in Warp."""
 CALLED_BY_NAME = {

@@ -44,11 +44,11 @@ class CifarSetting:
     """Only these cells of the table; none: all."""
 
 
-SETTINGS = {
+LK_SETTINGS = {
     "small": CifarSetting(ClassifyConfig(epochs=6), stem_stride=2, dropout=0.0, vgg_width=0.25),
     "full": CifarSetting(ClassifyConfig(epochs=30), stem_stride=1, dropout=0.2, vgg_width=1.0, folds=FOLDS),
 }
-DECONVNET_SETTINGS = {name: replace(setting, stem_stride=1) for name, setting in SETTINGS.items()}
+DECONVNET_SETTINGS = {name: replace(setting, stem_stride=1) for name, setting in LK_SETTINGS.items()}
 """VGG-16 begins with the full size: so does DS-Net beside it."""
 
 

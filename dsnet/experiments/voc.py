@@ -47,7 +47,7 @@ class VocSetting:
 
 
 _TINY = TrainConfig(steps=400, batch=8, size=(128, 128), warmup=40, validate_every=400)
-SETTINGS = {
+VOC_SETTINGS = {
     "small": VocSetting(
         _TINY, replace(_TINY, steps=800, validate_every=800), images=200, val_images=40, deconvnet_width=0.125
     ),

@@ -103,14 +103,14 @@ def _trajectory(job: ExportJob, out: Path) -> str:
         raise InputError(
             "found no pose to write, expected a recording with poses, or a run that tracked a frame"
         )
-    trajectory.WRITERS[job.type](out, rows)
+    trajectory.TRAJECTORY_WRITERS[job.type](out, rows)
     return f"{len(rows)} poses"
 
 
 def _mesh(job: ExportJob, out: Path) -> str:
     found = surface.surface_of(job.surfels, job.cell or surface.MESH_VOXEL_M)
     shown = mesh.in_class_colours(found) if job.class_colours else found
-    mesh.WRITERS[job.type](out, shown, level_transform(job.mapped))
+    mesh.MESH_WRITERS[job.type](out, shown, level_transform(job.mapped))
     return f"{len(found.vertices):,} vertices, {len(found.faces):,} triangles"
 
 
@@ -126,7 +126,7 @@ def _objects(job: ExportJob, out: Path) -> str:
 
 
 def _points(job: ExportJob, out: Path) -> str:
-    return f"{points.WRITERS[job.type](out, job.surfels):,} points"
+    return f"{points.POINT_WRITERS[job.type](out, job.surfels):,} points"
 
 
 def _splat(job: ExportJob, out: Path) -> str:

@@ -75,7 +75,7 @@ def write_mesh_obj(path: Path, surface: SurfaceMesh, T_level_world: np.ndarray) 
         temporary.write_text(export_obj(mesh, include_normals=True, include_color=True))
 
 
-WRITERS: dict[str, Callable[[Path, SurfaceMesh, np.ndarray], None]] = {
+MESH_WRITERS: dict[str, Callable[[Path, SurfaceMesh, np.ndarray], None]] = {
     "ply": write_mesh_ply, "obj": write_mesh_obj, "glb": write_mesh_glb,
 }  # fmt: skip
 """File type to the function that writes a surface, given T_level_world."""

@@ -102,7 +102,7 @@ def write_e57(path: Path | str, surfels: dict[str, np.ndarray]) -> int:
     return len(rows)
 
 
-WRITERS: dict[str, Callable[[Path | str, dict[str, np.ndarray]], int]] = {
+POINT_WRITERS: dict[str, Callable[[Path | str, dict[str, np.ndarray]], int]] = {
     "ply": write_ply, "pcd": write_pcd, "las": write_las, "e57": write_e57,
 }  # fmt: skip
 """File type to the function that writes it and returns the number of points."""

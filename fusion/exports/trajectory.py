@@ -39,7 +39,7 @@ def write_euroc(path: Path | str, rows: Iterable[Sequence[Any]]) -> None:
     _write(path, [head, *lines])
 
 
-WRITERS: dict[str, Callable[[Path | str, Iterable[Sequence[Any]]], None]] = {
+TRAJECTORY_WRITERS: dict[str, Callable[[Path | str, Iterable[Sequence[Any]]], None]] = {
     "tum": write_trajectory,
     "kitti": write_kitti,
     "euroc": write_euroc,

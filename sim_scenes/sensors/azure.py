@@ -16,7 +16,7 @@ from dsmap.sim_scenes.sensors.common import correlated, depth_edges, incidence
 
 FLOOR_M, SLOPE = 0.0007, 0.00028
 """Random error: the part that stays, and the part that grows with z^2 over the returned share of light [m, 1/m]."""
-RANGE_M = (0.5, 5.46)
+_RANGE_M = (0.5, 5.46)
 """NFOV, 2x2 binned (Azure Kinect DK hardware specification) [m]."""
 WEAKEST = 0.0075
 """Least returned light, as reflectivity times cosine over z^2 [1/m^2], that is measured."""
@@ -29,7 +29,7 @@ def returned_light(depth: np.ndarray, cosine: np.ndarray, reflectivity: np.ndarr
     return reflectivity * np.clip(cosine, 0, 1) / np.square(np.maximum(depth, 0.1))
 
 
-def axial_sigma(light: np.ndarray) -> np.ndarray:
+def azure_sigma(light: np.ndarray) -> np.ndarray:
     """Standard deviation of depth [m] by the light that returns (of `returned_light`)."""
     return FLOOR_M + SLOPE / np.maximum(light, 1e-3)
 
@@ -52,10 +52,10 @@ def azure_depth(
     reflectivity = 0.08 + 0.92 * cv2.GaussianBlur(rgb.max(2).astype(np.float32) / 255.0, (0, 0), 1.0)
     light = returned_light(depth, cosine, reflectivity)
     true = np.where(depth > 0, depth, 1.0).astype(np.float32) + _multipath(depth, scale)
-    sigma = axial_sigma(light).astype(np.float32)
+    sigma = azure_sigma(light).astype(np.float32)
     noise = 0.8 * rng.standard_normal(depth.shape, np.float32) + 0.6 * correlated(rng, height, width, scale)
     measured = _flying(true, depth, rng) + sigma * noise
-    valid = (depth > RANGE_M[0]) & (depth < RANGE_M[1]) & ~glass
+    valid = (depth > _RANGE_M[0]) & (depth < _RANGE_M[1]) & ~glass
     # Around the threshold pixels flicker.
     valid &= light * (1 + 0.15 * rng.standard_normal(depth.shape, np.float32)) > WEAKEST
     return np.where(valid, measured, 0).astype(np.float32)

@@ -21,7 +21,7 @@ SUBPIXEL = 0.08
 """RMS error of the disparity where there is texture (the projector's dots bring some everywhere) [px]."""
 STEP = 1.0 / 32
 """Disparities come in steps of this [px]."""
-RANGE_M = (0.28, 6.0)
+_RANGE_M = (0.28, 6.0)
 """Least depth at 848 columns; farther than this the error is over 13 cm [m]."""
 BLOCK_PX = 4.0
 """Matching windows make errors alike over about this distance at a width of 640 [px]."""
@@ -49,7 +49,7 @@ def d435_depth(
     disparity = FOCAL_PX * BASELINE_M / z + SUBPIXEL * worse.astype(np.float32) * noise
     disparity = np.round(disparity / STEP) * STEP
     measured = FOCAL_PX * BASELINE_M / np.maximum(disparity, STEP)
-    valid = (fattened > RANGE_M[0]) & (fattened < RANGE_M[1]) & (measured < RANGE_M[1]) & ~glass
+    valid = (fattened > _RANGE_M[0]) & (fattened < _RANGE_M[1]) & (measured < _RANGE_M[1]) & ~glass
     valid &= ~_half_hidden(depth, BASELINE_M * camera.fx)
     # The dots fade with the square of distance: matching fails in patches where there is nothing else to see.
     faint = (1.0 - texture) * np.square(z / 4.0)

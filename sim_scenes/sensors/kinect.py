@@ -16,13 +16,13 @@ BASELINE_M, FOCAL_PX = 0.075, 580.0
 """Kinect v1 projector baseline and infrared focal length at 640 pixels."""
 DISPARITY_STEP = 0.125
 """The sensor's disparity resolution [px]."""
-RANGE_M = (0.4, 5.0)
+_RANGE_M = (0.4, 5.0)
 """Nothing is measured outside."""
 GRAZING_DEG = 80.0
 """Surfaces seen at a larger angle from their normal return nothing."""
 
 
-def axial_sigma(depth: np.ndarray, cosine: np.ndarray) -> np.ndarray:
+def kinect_sigma(depth: np.ndarray, cosine: np.ndarray) -> np.ndarray:
     """Standard deviation along the ray [m]; Nguyen, Izadi & Lovell 2012, Eq. 3 with its grazing-angle term.
 
     sigma_z = 0.0012 + 0.0019 (z - 0.4)^2 + 0.0001 / sqrt(z) * theta^2 / (pi/2 - theta)^2.
@@ -55,11 +55,11 @@ def kinect_depth(
     shifted = _lateral_jitter(depth, rng, 0.5 * max(scale, 0.5))
     cosine = incidence(shifted, camera)
     focal = FOCAL_PX * scale
-    valid = (shifted > RANGE_M[0]) & (shifted < RANGE_M[1]) & ~glass
+    valid = (shifted > _RANGE_M[0]) & (shifted < _RANGE_M[1]) & ~glass
     z = np.where(shifted > 0, shifted, 1.0).astype(np.float32)
     disparity = BASELINE_M * focal / z
     # A depth error dz is a disparity error b f dz / z^2 (first order).
-    sigma = axial_sigma(z, cosine) * BASELINE_M * focal / np.square(z)
+    sigma = kinect_sigma(z, cosine) * BASELINE_M * focal / np.square(z)
     disparity = disparity + sigma.astype(np.float32) * correlated(rng, height, width, scale)
     step = DISPARITY_STEP * scale
     disparity = np.round(disparity / step) * step
@@ -69,7 +69,7 @@ def kinect_depth(
         rng.random((height, width), np.float32) < 0.55
     )
     valid &= ~_projector_shadow(shifted, BASELINE_M * focal)
-    valid &= (cosine > np.cos(np.radians(GRAZING_DEG))) & ~lost & (noisy < RANGE_M[1])
+    valid &= (cosine > np.cos(np.radians(GRAZING_DEG))) & ~lost & (noisy < _RANGE_M[1])
     # Far and dim returns drop out at random, in patches.
     valid &= ~((z > 4.2) & (correlated(rng, height, width, 2 * scale) > 5.5 - z))
     return np.where(valid, noisy, 0).astype(np.float32)

@@ -162,7 +162,10 @@ class Looks:
         return self.tiled(kind, palette.get(kind, STONES if kind in STONY else CARPETS))
 
 
-_KINDS: dict[str, tuple[Callable[..., np.ndarray], float]] = {**patterns.TILED, **surfaces.TILED}
+_KINDS: dict[str, tuple[Callable[..., np.ndarray], float]] = {
+    **patterns.TILED_PATTERNS,
+    **surfaces.TILED_SURFACES,
+}
 """Kind of a tiled surface to (generator, metres that one tile spans)."""
 STONY = ("marble", "granite", "terrazzo", "slate")
 FLOORS: dict[str, dict[str, float]] = {

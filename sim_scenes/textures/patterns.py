@@ -199,7 +199,7 @@ def leaves(rng: np.random.Generator, colour: Colour) -> np.ndarray:
     return shaded(colour, 0.15 * fractal(rng, 5, 4) - 0.12 * (veins < 0.15))
 
 
-TILED: dict[str, tuple[Callable[..., np.ndarray], float]] = {
+TILED_PATTERNS: dict[str, tuple[Callable[..., np.ndarray], float]] = {
     "wood": (wood, 0.9), "planks": (planks, 1.6), "tiles": (tiles, 1.6), "carpet": (carpet, 1.2),
     "fabric": (fabric, 0.6), "paint": (paint, 2.2), "bricks": (bricks, 1.0), "plaster": (plaster, 2.0),
     "plain": (plain, 0.5), "leaves": (leaves, 0.2),

@@ -247,7 +247,7 @@ def lattice(rng: np.random.Generator, colour: Colour, second: Colour) -> np.ndar
     return mixed(colour, second, weight, 0.04 * fractal(rng, 6, 4) + 0.02 * noise(rng, (90, 90)))
 
 
-TILED: dict[str, tuple[Callable[..., np.ndarray], float]] = {
+TILED_SURFACES: dict[str, tuple[Callable[..., np.ndarray], float]] = {
     "marble": (marble, 1.0), "granite": (granite, 0.8), "terrazzo": (terrazzo, 0.8), "slate": (slate, 1.6),
     "ceramic": (ceramic, 0.9), "checker": (checker, 1.6), "herringbone": (herringbone, 1.2),
     "concrete": (concrete, 2.0), "brushed": (brushed, 0.5), "knit": (knit, 0.4), "corduroy": (corduroy, 0.4),

@@ -31,6 +31,7 @@ for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "DSMAP_THREADS"):
 import damage  # noqa: E402
 import runner  # noqa: E402
 import subjects  # noqa: E402
+from command_line import cli, expand  # noqa: E402
 
 
 @dataclass(frozen=True)
@@ -90,9 +91,7 @@ class Fuzzer:
         )  # a few images are decoded; images are copied as they are
         sealed = any(fnmatch(target.name, pattern) for pattern in subject.sealed)
         must_tell = sealed and looks_closely and kinds[-1] not in ("other_image", "crowd", "another_file")
-        outcome = runner.call(
-            lambda: subjects.cli(subjects.expand(call, inside, out)), out, base, words, must_tell
-        )
+        outcome = runner.call(lambda: cli(expand(call, inside, out)), out, base, words, must_tell)
         return Case(number, subject.name, call, f"{'+'.join(kinds)} {target}", outcome)
 
     def check(self) -> None:
@@ -118,9 +117,9 @@ class Fuzzer:
             if call.split()[0] not in self._warm:  # loads kernels and more, once for all children
                 self._warm.add(call.split()[0])
                 with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
-                    subjects.cli(subjects.expand(call, inside, out))
+                    cli(expand(call, inside, out))
                 inside, out = self._fresh(subject)
-            found = runner.call(lambda: subjects.cli(subjects.expand(call, inside, out)), out)
+            found = runner.call(lambda: cli(expand(call, inside, out)), out)
             if found.code != 0 or found.kind != "fine":
                 raise RuntimeError(
                     f"{subject.name}: {call}: {found.kind} {found.code} on the whole input: {found.err[-2000:]}"

@@ -139,6 +139,6 @@ def test_surfels_that_face_away_are_dead_or_old_are_not_drawn():
 
 
 def test_a_view_of_another_size():
-    camera = make_camera(random_scene.INTRINSICS.scaled(32, 20))
+    camera = make_camera(random_scene.SCENE_INTRINSICS.scaled(32, 20))
     index = index_of(plane(1.0, 1.0 / CAMERA.fx), np.eye(4), camera=camera)
     assert index.shape == (20, 32) and (index >= 0).all()

@@ -6,7 +6,7 @@ import warp as wp
 
 from dsmap.kernels.reactivate import reactivate
 from dsmap.tools.twins import views
-from dsmap.tools.twins.scene import CAMERA, INTRINSICS, TIME, frame_arrays, pose, surfel_map
+from dsmap.tools.twins.scene import CAMERA, SCENE_INTRINSICS, TIME, frame_arrays, pose, surfel_map
 
 T_MIN, DISTANCE, Z2 = 20, 0.02, 0.01
 
@@ -17,7 +17,7 @@ def test_reactivate(seed):
     surfels = surfel_map(T_world_camera, seed=seed)
     before = {name: array.copy() for name, array in surfels.numpy().items()}
     inactive = frame_arrays(seed)["vertex"]
-    active = inactive + np.float32([0, 0, 0.03]) * (np.arange(INTRINSICS.width) % 3 - 1)[None, :, None]
+    active = inactive + np.float32([0, 0, 0.03]) * (np.arange(SCENE_INTRINSICS.width) % 3 - 1)[None, :, None]
     active[inactive[..., 2] == 0] = 0
     active[:10] = 0  # nothing is known there now
     gates = {"t_min": T_MIN, "distance": DISTANCE, "distance_z2": Z2}

@@ -7,7 +7,7 @@ from dsmap.frame import Intrinsics
 from dsmap.sim_scenes.render.renderer import default_camera
 from dsmap.sim_scenes.sensors import azure as sensor_azure
 from dsmap.sim_scenes.sensors import d435 as sensor_d435
-from dsmap.sim_scenes.sensors.kinect import BASELINE_M, FOCAL_PX, axial_sigma, kinect_depth
+from dsmap.sim_scenes.sensors.kinect import BASELINE_M, FOCAL_PX, kinect_depth, kinect_sigma
 from dsmap.sim_scenes.sensors.registry import SENSORS
 
 CAMERA = default_camera(640, 480)
@@ -32,7 +32,7 @@ def test_axial_noise_follows_the_formula_and_quantisation(distance: float) -> No
     assert (error > -1).mean() > 0.98
     error = error[error > -1]
     step = distance**2 / (BASELINE_M * FOCAL_PX) * 0.125
-    expected = np.hypot(axial_sigma(np.array(distance), np.array(1.0)), step / np.sqrt(12))
+    expected = np.hypot(kinect_sigma(np.array(distance), np.array(1.0)), step / np.sqrt(12))
     assert error.std() == pytest.approx(expected, rel=0.15)
     assert abs(error.mean()) < 0.3 * expected
 
@@ -110,7 +110,7 @@ def errors(name: str, distance: float, rgb: np.ndarray, frames: int = 3) -> np.n
 @pytest.mark.parametrize("distance", [1.0, 2.0, 3.0, 4.0])
 def test_the_kinects_two_published_models_agree(distance: float) -> None:
     khoshelham = 1.425e-3 * distance**2
-    assert 0.6 < khoshelham / axial_sigma(np.array(distance), np.array(1.0)) < 1.1
+    assert 0.6 < khoshelham / kinect_sigma(np.array(distance), np.array(1.0)) < 1.1
 
 
 @pytest.mark.parametrize("distance", [0.6, 1.0, 2.0, 3.5])
@@ -138,7 +138,7 @@ def test_d435_is_worse_on_bare_walls_and_blind_too_near_and_left_of_near_things(
 def test_azure_noise_by_returned_light_and_within_its_specification(distance: float) -> None:
     error = errors("azure", distance, WHITE)
     light = sensor_azure.returned_light(np.array(distance), np.array(1.0), np.array(1.0))
-    assert error.std() == pytest.approx(float(sensor_azure.axial_sigma(light)), rel=0.1)
+    assert error.std() == pytest.approx(float(sensor_azure.azure_sigma(light)), rel=0.1)
     assert error.std() < 0.017 and abs(error.mean()) < 0.011
     stereo = max(distance, 1.2) ** 2 * sensor_d435.SUBPIXEL / (sensor_d435.FOCAL_PX * sensor_d435.BASELINE_M)
     assert error.std() < 0.5 * stereo

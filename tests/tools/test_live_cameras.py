@@ -6,6 +6,7 @@ import sys
 import fake_cameras as fakes
 import numpy as np
 import pytest
+from fake_depthai import depthai
 
 from dsmap.errors import InputError
 from dsmap.tools.live.sources import CAMERAS, LiveSource, open_source
@@ -29,8 +30,8 @@ def plug_in(monkeypatch):
 
 
 PLUGGED_IN = {
-    "oak": ("oak", fakes.depthai()),
-    "oak 4": ("oak", fakes.depthai("RVC4")),
+    "oak": ("oak", depthai()),
+    "oak 4": ("oak", depthai("RVC4")),
     "realsense": ("realsense", fakes.pyrealsense2()),
     "record3d": ("record3d", fakes.record3d()),
 }
@@ -64,8 +65,8 @@ def test_a_camera_gives_frames(plug_in, name, package):
 @pytest.mark.parametrize(
     ("name", "package", "message"),
     [
-        ("oak", fakes.depthai(devices=0), "oak: No available devices; expected an OAK that is plugged in"),
-        ("oak", fakes.depthai(version="2.30.0"), "depthai 2.30.0 is too old"),
+        ("oak", depthai(devices=0), "oak: No available devices; expected an OAK that is plugged in"),
+        ("oak", depthai(version="2.30.0"), "depthai 2.30.0 is too old"),
         ("realsense", fakes.pyrealsense2(devices=0), "realsense: No device connected; expected a RealSense"),
         ("record3d", fakes.record3d(devices=0), "record3d: found no phone"),
     ],
@@ -85,11 +86,11 @@ def test_a_missing_package_is_named(plug_in, monkeypatch):
 
 def test_depthai_has_what_is_called():
     """Names and keywords of the stand-in are those of the maker's package, where that is installed."""
-    dai, fake = pytest.importorskip("depthai", minversion="3"), fakes.depthai()
+    dai, fake = pytest.importorskip("depthai", minversion="3"), depthai()
     pairs = [(getattr(fake.node, kind), getattr(dai.node, kind)) for kind in vars(fake.node)]
     pairs += [(fake.Pipeline, dai.Pipeline), (fake.ImgFrame, dai.ImgFrame)]
     for ours, theirs in pairs:
-        called = {name for name in vars(ours) if not name.startswith("_") and name not in ("running",)}
+        called = {name for name in vars(ours) if not name.startswith("_") and name != "running"}
         assert called <= set(dir(theirs)), theirs
     for keyword in ("fps", "enableUndistortion"):
         assert f"{keyword}:" in dai.node.Camera.requestOutput.__doc__

@@ -98,7 +98,7 @@ def _cifar(args: Args) -> dict:
     from dsmap.dsnet.experiments import cifar
 
     is_lk = args.name == "cifar-lk"
-    setting = (cifar.SETTINGS if is_lk else cifar.DECONVNET_SETTINGS)[args.setting]
+    setting = (cifar.LK_SETTINGS if is_lk else cifar.DECONVNET_SETTINGS)[args.setting]
     chosen = {
         "stem_stride": args.stem_stride,
         "dropout": args.dropout,
@@ -115,7 +115,7 @@ def _cifar(args: Args) -> dict:
 def _voc(args: Args) -> dict:
     from dsmap.dsnet.experiments import voc
 
-    setting = voc.SETTINGS[args.setting]
+    setting = voc.VOC_SETTINGS[args.setting]
     train, finetune = (_training(config, args) for config in (setting.train, setting.finetune))
     setting = replace(setting, train=train, finetune=finetune, cells=args.cells)
     if args.name == "voc-lk":

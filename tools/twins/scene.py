@@ -9,8 +9,8 @@ from dsmap.frame import Intrinsics
 from dsmap.kernels.camera import make_camera
 from dsmap.kernels.types import FrameMaps, SurfelMap
 
-INTRINSICS = Intrinsics(64, 48, 55.0, 56.0, 31.2, 23.9)
-CAMERA = make_camera(INTRINSICS)
+SCENE_INTRINSICS = Intrinsics(64, 48, 55.0, 56.0, 31.2, 23.9)
+CAMERA = make_camera(SCENE_INTRINSICS)
 TIME = 40
 """Frame number of the scene's frame."""
 
@@ -27,13 +27,18 @@ def pose(seed: int = 0) -> np.ndarray:
 def frame_arrays(seed: int = 0) -> dict[str, np.ndarray]:
     """Maps of the frame by FrameMaps name, NumPy: a bumpy wall at 1.5 m, a box at 1 m, holes, an edge map."""
     rng = np.random.default_rng(seed)
-    h, w = INTRINSICS.height, INTRINSICS.width
+    h, w = SCENE_INTRINSICS.height, SCENE_INTRINSICS.width
     y, x = np.mgrid[:h, :w]
     depth = 1.5 + 0.05 * np.sin(x / 9) + 0.002 * y
     depth[12:30, 20:41] = 1.0
     depth[rng.random((h, w)) < 0.05] = 0
     view = np.stack(
-        [(x - INTRINSICS.cx) / INTRINSICS.fx, (y - INTRINSICS.cy) / INTRINSICS.fy, np.ones((h, w))], -1
+        [
+            (x - SCENE_INTRINSICS.cx) / SCENE_INTRINSICS.fx,
+            (y - SCENE_INTRINSICS.cy) / SCENE_INTRINSICS.fy,
+            np.ones((h, w)),
+        ],
+        -1,
     )
     normal = rng.normal(0, 0.15, (h, w, 3)) - [0, 0, 1]
     normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
@@ -45,7 +50,7 @@ def frame_arrays(seed: int = 0) -> dict[str, np.ndarray]:
         "vertex": view * depth[..., None],
         "normal": normal,
         "intensity": np.zeros((h, w)),
-        "radius": np.sqrt(2) * depth / INTRINSICS.fx / slant,
+        "radius": np.sqrt(2) * depth / SCENE_INTRINSICS.fx / slant,
         "colour": rng.random((h, w, 3)),
         "edge": (rng.random((h, w)) < 0.05),
     }
