@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 
 from dsmap.errors import InputError
+from dsmap.reading import DECODER_ERRORS
 
 CIFAR_CLASSES = ("airplane", "automobile", "bird", "cat", "deer", "dog", "frog", "horse", "ship", "truck")
 _DOWNLOAD = "cifar-10-binary.tar.gz or cifar-10-python.tar.gz of the CIFAR-10 page, or train/<class>/*.jpg"
@@ -108,7 +109,7 @@ def _files(path: Path) -> Iterator[tuple[str, bytes]]:
                 if len(content) > _MOST_BYTES:
                     raise _too_large(member.name)
                 yield member.name, content
-    except (tarfile.TarError, OSError, EOFError, ValueError) as error:
+    except (*DECODER_ERRORS, tarfile.TarError) as error:
         raise InputError(f"{path}: damaged archive ({error}), expected {_DOWNLOAD}") from error
 
 

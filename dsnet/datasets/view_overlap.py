@@ -71,6 +71,8 @@ def choose_blocks(
     """
     rng = np.random.default_rng(seed)
     cut = np.flatnonzero(free)
+    if len(cut) <= blocks:
+        return []
     summed = np.vstack([np.zeros(class_pixels.shape[1]), class_pixels.cumsum(axis=0)])
     share = np.maximum(summed[-1] / summed[-1].sum(), 1e-9)
     best, chosen = np.inf, np.zeros((0, 2), np.int64)

@@ -4,15 +4,16 @@ import contextlib
 import logging
 import warnings
 from collections.abc import Hashable, Iterator
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 import cv2
 import numpy as np
 import trimesh
+from trimesh.resolvers import FilePathResolver
 
 from dsmap.errors import InputError, InputWarning
-from dsmap.limits import MAX_MESH_BYTES
+from dsmap.limits import MAX_IMAGE_BYTES, MAX_MESH_BYTES
 from dsmap.plain import read_json
 from dsmap.reading import check_plain, reason
 from dsmap.sim_scenes.geometry.shapes import Shape
@@ -22,6 +23,8 @@ from dsmap.sim_scenes.scene import Material
 
 _LABELS = ("label", "semantic", "semantic_id", "class", "class_id", "scalar_label", "category_id")
 _OBJECTS = ("object_id", "objectid", "instance", "instance_id")
+_MAX_BESIDE = {".mtl": 1 << 24, **dict.fromkeys((".png", ".jpg", ".jpeg"), MAX_IMAGE_BYTES)}
+"""How large the materials and textures of a mesh may be [bytes]."""
 LARGEST_TEXTURE = 1024
 """Images of materials are reduced to this many texels a side."""
 GREY = np.array([170, 170, 170], np.uint8)
@@ -93,11 +96,24 @@ def _load(path: Path) -> Any:
     check_plain(path, f"a {path.suffix[1:].upper()} mesh", MAX_MESH_BYTES)
     try:
         with _told_of_losses(path):
-            return trimesh.load(path, process=False)
+            return trimesh.load(path, process=False, resolver=_Beside(str(path)))
     except Exception as error:  # trimesh lets through whatever its parsers meet
         raise InputError(
             f"{path}: not readable as a {path.suffix[1:].upper()} mesh ({reason(error)})"
         ) from error
+
+
+class _Beside(FilePathResolver):
+    """What a mesh names beside itself (materials, textures, buffers): plain files of a bounded size."""
+
+    def get(self, name: str) -> bytes:
+        for candidate in (name.strip(), name.strip().lstrip("/"), PurePosixPath(name).name):
+            path = Path(self.parent) / candidate
+            if path.exists():
+                most = _MAX_BESIDE.get(path.suffix.lower(), MAX_MESH_BYTES)
+                check_plain(path, "a file that belongs to a mesh", most)
+                break
+        return super().get(name)
 
 
 class _Losses(logging.Handler):

@@ -136,6 +136,10 @@ def test_damage_is_named(tmp_path):
     whole = archive(
         tmp_path / "a.tar.gz", {"c/data_batch_1.bin": binary(IMAGES, LABELS)}, "w:gz"
     ).read_bytes()
+    ones = whole[:40] + b"\xff" * 200 + whole[240:]
+    (tmp_path / "ones.tar.gz").write_bytes(ones)
+    with pytest.raises(InputError, match=r"ones.tar.gz: damaged archive"):
+        load_cifar10(tmp_path / "ones.tar.gz")
     (tmp_path / "cut.tar.gz").write_bytes(whole[: len(whole) // 2])
     with pytest.raises(InputError, match=r"cut.tar.gz: damaged archive"):
         load_cifar10(tmp_path / "cut.tar.gz")

@@ -60,6 +60,11 @@ def test_blocks_lie_between_cuts_and_keep_the_classes_mixed():
     assert np.abs(np.log(ratio)).max() < 0.1
 
 
+def test_more_blocks_than_cuts_fit_nowhere():
+    assert choose_blocks(np.array([True, True, True, True]), np.ones((3, 2)), 1, 3, trials=10) == []
+    assert choose_blocks(np.array([True, False, False, True]), np.ones((3, 2)), 1, 5, trials=10) == []
+
+
 def test_the_command_writes_ranges(tmp_path, capsys):
     numbers = [*range(1, 5), *range(10, 14), *range(20, 24), *range(30, 34)]
     for name in ("rgb", "label"):

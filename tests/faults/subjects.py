@@ -106,7 +106,7 @@ SUBJECTS: tuple[Subject, ...] = (
     Subject("sbd", sbd, (f"train --out {{out}}/net --data {{in}}/sbd@train --val {{in}}/sbd {TRAIN}",), weight=1.5),
     Subject("folders", labelled, (
         "evaluate --data {in}/set --engine torch --weights {in}/net.safetensors --out {out}/m.json", f"train --out {{out}}/net --data {{in}}/set --val {{in}}/rec {TRAIN}",
-        "validation-split {in}/set --out {out}/split.txt --images 1 --blocks 1",
+        "validation-split {in}/set --out {out}/split.txt --images 2 --blocks 1",
     ), ("set/**/*", "rec/**/*"), weight=2, sealed=PIXELS),
     *(Subject(f"cifar-{kind}", build, (f"cifar {{in}}/{place}",), weight=1.5) for kind, build, place in (
         ("binary", cifar("binary"), "cifar.tar.gz"), ("python", cifar("python"), "cifar.tar.gz"), ("batch", cifar_batch, "cifar"),

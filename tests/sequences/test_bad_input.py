@@ -1,5 +1,8 @@
 """Bad recordings: each a clear error, or a frame that is skipped and counted."""
 
+import struct
+import zlib
+
 import cv2
 import numpy as np
 import pytest
@@ -51,6 +54,16 @@ def test_garbage_and_empty_images(tmp_path):
     skips_frame_two(folder, rgb_file(folder, 2).name, "decode")
     rgb_file(folder, 2).write_bytes(b"")
     skips_frame_two(folder, rgb_file(folder, 2).name, "0 bytes")
+
+
+def test_animated_png(tmp_path):
+    """OpenCV shows something else than the image where a part promises frames that are not there."""
+    file = rgb_file(write_tum(tmp_path / "s"), 2)
+    data, body = file.read_bytes(), b"acTL" + struct.pack(">II", 2**31 - 1, 0)
+    file.write_bytes(
+        data[:33] + struct.pack(">I", 8) + body + struct.pack(">I", zlib.crc32(body)) + data[33:]
+    )
+    skips_frame_two(tmp_path / "s", file.name, "animated")
 
 
 def test_missing_image(tmp_path):

@@ -1,6 +1,7 @@
 """Scenes from users' own files: tiny MJCF, GLB and PLY files made here, rendered and checked."""
 
 import json
+import os
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,7 @@ import trimesh
 from PIL import Image as PillowImage
 
 from dsmap.classes import CLASS_NAMES
-from dsmap.errors import InputError
+from dsmap.errors import InputError, InputWarning
 from dsmap.sim_scenes.importers.load import load_scene
 from dsmap.sim_scenes.importers.mesh import coloured
 from dsmap.sim_scenes.render.open_renderer import open_renderer
@@ -118,6 +119,22 @@ def boxes(path: Path) -> None:
     lift[:3, 3] = -0.6, 0.35, 0.2
     world.add_geometry(top, node_name="coffee_table", transform=lift)
     path.write_bytes(world.export(file_type="glb"))
+
+
+def test_materials_beyond_all_measure_are_not_read(tmp_path: Path) -> None:
+    (tmp_path / "home.obj").write_text(
+        "mtllib home.mtl\no floor\nv 0 0 0\nv 4 0 0\nv 4 4 0\nusemtl floor\nf 1 2 3\n"
+    )
+    (tmp_path / "home.mtl").write_text("newmtl floor\nKd 1 0 0\n")
+    os.truncate(tmp_path / "home.mtl", 3 << 30)
+    everything = tmp_path / "classes.yaml"
+    everything.write_text("'*': furniture\n")
+    with pytest.warns(InputWarning, match="shown plain"):
+        assert len(load_scene(tmp_path / "home.obj", class_map=everything).parts) == 1
+    (tmp_path / "home.mtl").unlink()
+    os.mkfifo(tmp_path / "home.mtl")
+    with pytest.warns(InputWarning, match="shown plain"):
+        load_scene(tmp_path / "home.obj", class_map=everything)
 
 
 def test_glb_is_turned_upright_and_keeps_textures_and_colours(tmp_path: Path) -> None:

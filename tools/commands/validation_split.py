@@ -54,7 +54,9 @@ def main(args: Args) -> None:
         held_back[first:end] = True
     parts = class_pixels[held_back].sum(axis=0), class_pixels[~held_back].sum(axis=0)
     print(f"{held_back.sum()} of {len(numbers)} images; {free.sum() - 1} groups without a common room")
-    for name, val, train in zip(CLASS_NAMES[1:], *(100 * part / part.sum() for part in parts), strict=True):
+    for name, val, train in zip(
+        CLASS_NAMES[1:], *(100 * part / max(part.sum(), 1) for part in parts), strict=True
+    ):
         print(f"  {name:<10} {val:5.2f} % of the validation set, {train:5.2f} % of the rest")
     print(f"written: {args.out}")
 

@@ -8,6 +8,7 @@ from dsmap.errors import InputError
 from dsmap.limits import MAX_IMAGE_PIXELS
 
 _PNG = b"\x89PNG\r\n\x1a\n"
+_ANIMATION = (b"acTL", b"fcTL", b"fdAT")
 _JPEG = b"\xff\xd8"
 _FRAMES = {*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC}
 """Markers of JPEG that state the size."""
@@ -59,6 +60,8 @@ def _check_png(where: Any, data: bytes) -> None:
             raise InputError(
                 f"{where}: found a wrong checksum in its part {name!r}, expected a whole image file"
             )
+        if name in _ANIMATION:  # OpenCV puts its frames together, and shows none of a torn one
+            raise InputError(f"{where}: found an animated PNG, expected a still image")
         at += 12 + size
     check_image_size(where, *struct.unpack_from(">II", data, 16))
 
