@@ -96,12 +96,12 @@ def _extract(points: SurfelPoints, block: np.ndarray, voxel: float) -> tuple[np.
     field = np.where(known, value, np.float32(voxel))
     grid: Any = wp.array(field, dtype=wp.float32, device="cpu")  # Warp's stubs want its rank in its type
     vertices, indices = IsoSurfaceMarchingCubes.extract(grid)
-    corners, faces = vertices.numpy().astype(np.float64), indices.numpy().reshape(-1, 3)
+    corners = np.asarray(vertices.numpy(), np.float64)
+    faces = np.asarray(indices.numpy(), np.int32).reshape(-1, 3)
     if not len(faces):
         return None
-    cell = np.floor(np.take(corners, faces, axis=0).mean(axis=1)).astype(int).clip(0, _BLOCK - 1)
-    kept: np.ndarray = _whole(value, known, voxel)[cell[:, 0], cell[:, 1], cell[:, 2]]
-    faces = np.compress(kept, faces, axis=0)
+    cell = np.floor(corners[faces].mean(axis=1)).astype(int).clip(0, _BLOCK - 1)
+    faces = faces[_whole(value, known, voxel)[cell[:, 0], cell[:, 1], cell[:, 2]]]
     return (corners + first, faces) if len(faces) else None
 
 

@@ -38,4 +38,4 @@ class MapRenderer:
     def __call__(self, T_world_camera: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """What `labels` gives, and class probabilities, shape (H, W, 13)."""
         label = self.labels(T_world_camera)
-        return label, np.take(self.probabilities, self._index.numpy(), axis=0)
+        return label, self.probabilities[np.asarray(self._index.numpy(), np.int32)]
