@@ -45,7 +45,7 @@ def test_nearly_all_lost_is_said(tmp_path, capsys):
     )
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", InputWarning)
-        assert run("map", [str(folder), "--out", str(tmp_path / "r"), *FLAGS]) == 0
+        assert run("map", [str(folder), "--out", str(tmp_path / "r"), *FLAGS]) == 1
     assert (
         "only 1 of 10 frames were mapped: the first lost frame is 1 (too little depth)"
         in capsys.readouterr().err

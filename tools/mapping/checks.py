@@ -71,7 +71,7 @@ def verdict(state: RunState, sequence: Sequence) -> int:
         advice = "no frame of it can be read"
     where = f": the first lost frame is {index} ({reason})" if reason else ""
     print(f"dsmap map: {sequence.path}: {what}{where}; {advice}", file=sys.stderr)
-    return NO_MAP if nothing else 0
+    return NO_MAP if nothing or tracked == 1 else 0  # the first frame of a map always fits itself
 
 
 def _first_lost(state: RunState, sequence: Sequence) -> tuple[int, str]:
