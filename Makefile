@@ -62,7 +62,7 @@ lint: $(VENV)/.dev
 typecheck: $(VENV)/.dev
 	@rm -rf build/typing && mkdir -p build/typing/dsmap
 	@cp -R src/dsmap/. build/typing/dsmap && cp -R kernels fusion dsnet sim_scenes tools build/typing/dsmap
-	$(BIN)/pyright
+	PYRIGHT_PYTHON_IGNORE_WARNINGS=1 $(BIN)/pyright
 
 # ImageNet's weights of the encoder, which training dsnet-p begins with.
 $(VENV)/.pretrained: pyproject.toml constraints.txt | $(VENV)/.demo
