@@ -162,14 +162,14 @@ class LoopConfig:
     min_agreement: Share = 0.7
     """Gate of a loop: least share of the pixels seen in both views, after registration, that are one surface."""
     min_ncc: Annotated[float, Range(-1, 1)] = 0.4
-    """Gate of a loop: least correlation of the intensities, local mean taken off; another place of the same shape has
-    other colours."""
+    """Gate of a loop: least correlation of the intensities, local mean off: other places have other colours."""
     max_drift: Annotated[float, Range(0, 10)] = 0.05
     """Gate of a loop: it moves the camera by at most this share of the way since, plus 5 cm."""
     negligible: Annotated[float, Range(0, 10)] = 0.04
     """Views that differ by less than this [m RMS] are one: inactive surfels become active, nothing is deformed.
-    So much is within the gates of tracking (10 cm) and association (5 cm), which pull it together where it is; a
-    deformation would spread it over the whole way since, most of which was right."""
+    Tracking (gate 10 cm) pulls that together where it is; a deformation would spread it over the whole way since."""
+    pose_graph: bool = False
+    """Bend the map as a pose graph of loops and tracking's covariances says, not evenly in time. Not proven yet."""
     min_overlap: Share = 0.25
     """Gate of a loop: least share of the image that both views see; narrower strips register with errors of 2 cm."""
     trust: Frames = 30

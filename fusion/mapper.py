@@ -131,6 +131,7 @@ class Mapper:
         located = self.locator.locate(frame, maps, self.T_world_camera, self.trajectory)
         T = self.T_world_camera = located.T_world_camera
         self.trajectory.append(TrajectoryPoint(frame.time, T.copy(), located.tracked, frame.depth_time))
+        self.closer.remember_step(time, located.health, located.tracked and not located.relocalised)
         inserted, segmented, loop = 0, False, None
         if located.tracked:
             finest = located.maps[0]

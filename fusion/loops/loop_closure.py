@@ -6,6 +6,7 @@ inactive view from the pose found is rendered, the active view must register to 
 deformation graph moves the active part onto the inactive one (Eq. 4); what agreed becomes active again.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -16,6 +17,7 @@ from dsmap.frame import orthonormal
 from dsmap.fusion.config import MapConfig
 from dsmap.fusion.lie import inverse
 from dsmap.fusion.loops.constraints import ClosedLoops, constraints
+from dsmap.fusion.loops.corrected_way import StepCovariances, follow_way, world_corrections
 from dsmap.fusion.loops.deformation_graph import Constraints, DeformationGraph
 from dsmap.fusion.loops.gates import Overlap, explained_rms, reason_to_reject_loop, rms_shift, view_overlap
 from dsmap.fusion.loops.record import LoopCandidate, LoopQuery, LoopRecord, record_values
@@ -62,6 +64,8 @@ class LoopCloser:
         self._active = self.views.empty(self.level)
         self.records: list[LoopRecord] = []
         self.closed = ClosedLoops()
+        self.steps = StepCovariances()
+        """Of every frame, with `loops.pose_graph`."""
         self.verified = _NEVER
         """Last frame in which the active and the inactive view were found to agree."""
         self.refused = _NEVER
@@ -74,6 +78,11 @@ class LoopCloser:
         if not self.recovery.enabled:
             return False
         return time % self.loops.global_every == 0 or self.model.has_inactive(T_world_camera)
+
+    def remember_step(self, time: int, health: Health | None, tracked: bool) -> None:
+        """Note how surely a frame's step was tracked: a pose graph spreads corrections accordingly."""
+        if self.enabled and self.loops.pose_graph:
+            self.steps.remember(time, health.covariance if tracked and health else None)
 
     def close(self, now: LoopQuery) -> LoopRecord | None:
         """Close a loop where there is one; the map, the trajectory and the model's view change with it.
@@ -102,6 +111,8 @@ class LoopCloser:
             return {}
         state = {"closed.points": self.closed.points, "closed.times": self.closed.times}
         loops = [record_values(record) for record in self.records]
+        if self.loops.pose_graph:
+            state["step_covariances"] = self.steps.array()
         return state | {"verified": self.verified, "refused": self.refused, "loops": loops}
 
     def load_state(self, state: dict[str, Any]) -> None:
@@ -110,6 +121,7 @@ class LoopCloser:
             return
         self.closed.points, self.closed.times = state["closed.points"], state["closed.times"]
         self.verified, self.refused = state["verified"], state["refused"]
+        self.steps = StepCovariances(state.get("step_covariances"))
         self.records[:] = [
             LoopRecord(**values | {"T_destination_frame": np.array(values["T_destination_frame"])})
             for values in state["loops"]
@@ -196,16 +208,29 @@ class LoopCloser:
         if match.shift_m > limit:
             self.rejected = f"{match.shift_m * 100:.1f} cm of drift, at most {limit * 100:.1f} cm are likely"
             return False
-        graph = self._bent_graph(pairs)
+        record = match.record(now, frame_destination)
+        graph, moved = self._graph_along_way(poses, record, pairs) if self.loops.pose_graph else (None, None)
+        if graph is None:
+            moved = None
+            graph = self._bent_graph(lambda _: pairs)
         if graph is None:
             return False
-        self.records.append(match.record(now, frame_destination, len(graph)))
-        self._bend(graph, now, poses, T_found)
+        self.records.append(replace(record, nodes=len(graph)))
+        T = self._bend(graph, now, poses, T_found, moved)
+        if moved is not None:  # what the loop was found on has moved, too
+            pairs = replace(pairs, destination=graph.apply_to_points(pairs.destination, pairs.t_destination))
         self.closed.add(pairs)
-        self.views.render(T_found, self._active, level=self.level, t_min=self.model.t_active)
-        self.model.render_inactive(T_found)
-        self._reactivate(T_found, self._active.vertex, now.time)
+        self.views.render(T, self._active, level=self.level, t_min=self.model.t_active)
+        self.model.render_inactive(T)
+        self._reactivate(T, self._active.vertex, now.time)
         return True
+
+    def _graph_along_way(
+        self, poses: np.ndarray, record: LoopRecord, pairs: Constraints
+    ) -> tuple[DeformationGraph | None, np.ndarray]:
+        """A graph that follows the pose graph of all loops (None: it would tear); and what moves each frame's world."""
+        moved = world_corrections(poses, self.steps.scaled(len(poses)), [*self.records, record])
+        return self._bent_graph(lambda graph: follow_way(graph, moved, pairs)), moved
 
     def _constraints(self, now: LoopQuery, T_found: np.ndarray) -> tuple[Constraints, int] | None:
         return constraints(
@@ -213,27 +238,44 @@ class LoopCloser:
             self.loops.constraint_grid,
         )  # fmt: skip
 
-    def _bent_graph(self, pairs: Constraints) -> DeformationGraph | None:
-        """A graph that brings the pairs together and keeps closed what was closed before; None if it would tear."""
+    def _bent_graph(self, wanted: Callable[[DeformationGraph], Constraints]) -> DeformationGraph | None:
+        """A graph that does what is wanted of it and keeps closed what was closed before; None if it would tear."""
         surfels, config = self.model.surfels, self.config
         if np.count_nonzero(surfels.numpy()["weight"] > 0) <= INFLUENCES:
             return None
         scale = self.model.cameras[0].width * self.model.cameras[0].height / _VGA_PIXELS
         sized = replace(config.graph, spacing=max(int(config.graph.spacing * scale), 1))
         graph = DeformationGraph.build(surfels, sized, config.stable_weight)
-        fit = graph.optimise(Constraints.joined([pairs, self.closed.constraints()]))
+        fit = graph.optimise(Constraints.joined([wanted(graph), self.closed.constraints()]))
         self.rejected = fit.reason
         return graph if fit.accepted else None
 
-    def _bend(self, graph: DeformationGraph, now: LoopQuery, poses: np.ndarray, T_found: np.ndarray) -> None:
-        """Move all that lies in the world: surfels, trajectory, keyframes, earlier constraints, the camera."""
+    def _bend(
+        self,
+        graph: DeformationGraph,
+        now: LoopQuery,
+        poses: np.ndarray,
+        T_found: np.ndarray,
+        moved: np.ndarray | None,
+    ) -> np.ndarray:
+        """Move all that lies in the world: surfels, trajectory, keyframes, earlier constraints, the camera.
+
+        Returns:
+            Where the camera is now: T_found, or, where a pose graph has `moved` each frame's world, where that says.
+        """
         graph.apply_to_surfels(self.model.surfels)
         self.model.blocks.forget()
         self.closed.move(graph)
-        self.recovery.ferns.poses = graph.apply_to_poses(self.recovery.ferns.poses, self.recovery.ferns.times)
-        moved = graph.apply_to_poses(poses, np.arange(len(poses)))
-        moved[-1] = T_found
-        now.trajectory.set_poses(moved)
+        ferns = self.recovery.ferns
+        if moved is not None:
+            ferns.poses = moved[ferns.times.clip(0, len(moved) - 1)] @ ferns.poses
+            after = moved @ poses
+        else:
+            ferns.poses = graph.apply_to_poses(ferns.poses, ferns.times)
+            after = graph.apply_to_poses(poses, np.arange(len(poses)))
+            after[-1] = T_found
+        now.trajectory.set_poses(after)
+        return after[-1]
 
     def _agrees(self, now: LoopQuery, inactive: ModelView, seen: Overlap) -> bool:
         """Whether what comes into view needs no registration: it lies where the active view says."""

@@ -21,6 +21,7 @@ _ARRAYS: dict[str, tuple[str, tuple[int | str, ...]]] = {
     "measured.label": ("u", ("surfels",)), "measured.observations": ("f", ("surfels",)),
     "measured.evidence": ("f", ("surfels", "classes")),
     "state.closed.points": ("f", ("loops", 2, 3)), "state.closed.times": ("i", ("loops", 2)),
+    "state.step_covariances": ("f", ("steps", 6, 6)),
     "state.ferns.codes": ("u", ("keyframes", "ferns")), "state.ferns.pixels": ("i", ("ferns", 2)),
     "state.ferns.colour_thresholds": ("f", ("ferns", 3)), "state.ferns.depth_thresholds": ("f", ("ferns",)),
     "state.ferns.rgb": ("u", ("keyframes", "fern rows", "fern columns", 3)),

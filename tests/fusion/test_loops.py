@@ -202,3 +202,12 @@ def test_a_search_that_leads_astray_begins_once_more_where_constant_motion_leads
     )
     m.locator.tracker.track = lambda *a: (track(*a)[0], replace(track(*a)[1], tracked=False, reason="astray"))
     assert m.step(frame(9, 9)).reason == "astray"
+
+
+def test_a_loop_that_follows_the_pose_graph_takes_the_drift_out():
+    m = mapper(pose_graph=True)
+    there_and_back(m, DRIFT)
+    bent = [loop for loop in m.loops if loop.nodes]
+    assert bent and len(m.closer.steps.array()) == m.time
+    assert errors(m)[-10:].max() < 0.02
+    assert doubled(m) < 0.05
