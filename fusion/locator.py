@@ -148,16 +148,20 @@ class Locator:
     ) -> Located:
         """Track from the last pose; after a gap the map is searched first, which looks closer and further.
 
+        But not where rows are read one after the other: what is bent looks like nothing in the map, and after a short
+        gap the last pose still tells how.
+
         Where that leads astray, once more from where constant motion leads, and by depth and colours alone.
         """
         gap = bool(trajectory) and not trajectory[-1].tracked
-        if gap:
+        rows = row_motion(self.config.shutter_s, trajectory, pose_time, inverse(view.T_world_camera))
+        search_first = gap and rows is None
+        if search_first:
             last = self._recover(last, trajectory)
             if last.tracked:
                 return last
         T_view_world, t_min = inverse(view.T_world_camera), self.model.view_t_active
         expected = self.motion.expected(trajectory, pose_time, T_view_world)
-        rows = row_motion(self.config.shutter_s, trajectory, pose_time, T_view_world)
         seconds = pose_time - trajectory[-1].pose_time if trajectory else 0.0
         starts = [(True, last.T_world_camera, expected)]
         starts += [(False, T, None) for T in extrapolated(trajectory)[:1]]
@@ -173,13 +177,13 @@ class Locator:
             T = orthonormal(view.T_world_camera @ T_view_camera)
             still = undo_rolling_shutter(self.model.cameras, last.maps, rows, T_view_camera)
             reason = self.check.reason_to_reject(
-                still, T, health, trajectory, t_min, not first, last.colours
+                still, T, health, trajectory, t_min, not first, last.colours, rows is not None
             ) or self.blind.reason_to_reject(moved, health.unheld)
             if not reason:
                 self.blind.add(moved, health.unheld)
                 return replace(last, T_world_camera=T, maps=still, tracked=True, reason="", health=health)
             last = replace(last, reason=reason, health=health)
-        return last if gap else self._recover(last, trajectory)
+        return last if search_first else self._recover(last, trajectory)
 
     def _recover(self, lost: Located, trajectory: Sequence[TrajectoryPoint]) -> Located:
         """Look for a lost frame in the whole map; what it sees there becomes active again."""

@@ -7,6 +7,7 @@ whole frame. Elsewhere this costs nothing.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -22,6 +23,10 @@ from dsmap.kernels.types import FrameMaps
 
 _WIDTH = 320
 """Views are compared on the finest pyramid level that is not wider [px]."""
+_ONE_SURFACE = 0.9
+"""The depths agree if they do in this share of what the map covers."""
+_BLURRED = 0.75
+"""Colours of a blurred map correlate by this share of what sharp ones do."""
 
 
 class PoseCheck:
@@ -47,6 +52,7 @@ class PoseCheck:
         t_min: int,
         doubted: bool = False,
         colours: Colours = Colours.GOOD,
+        followed: bool = False,
     ) -> str:
         """Why the pose is not believed, in words; empty if it is.
 
@@ -56,17 +62,22 @@ class PoseCheck:
             t_min: surfels updated since then take part.
             doubted: look at the whole image in any case.
             colours: what the frame's are good for.
+            followed: the last frames tell where a camera is whose rows are read one after the other: where all depths
+                agree, its map may be blurred.
         """
         if not health.tracked:
             return health.reason
         if not doubted and not self.surprising(T_world_camera, health, trajectory):
             return ""
+        config = self.config.relocalise
         self.views.render(T_world_camera, self._maps, level=self._level, t_min=t_min)
-        found = agreement(
-            frame[self._level], self._maps.vertex, intensity_map(self._maps.colour), self.config.relocalise
-        )
+        found = agreement(frame[self._level], self._maps.vertex, intensity_map(self._maps.colour), config)
         by_colour = health.comparable and colours is Colours.GOOD
-        return reason_to_reject_pose(found, self.config.relocalise, by_colour)
+        if followed and found.same >= _ONE_SURFACE and found.seen_through < config.certain_seen_through:
+            config = replace(
+                config, min_ncc=_BLURRED * config.min_ncc, min_texture=_BLURRED * config.min_texture
+            )
+        return reason_to_reject_pose(found, config, by_colour)
 
     def surprising(
         self, T_world_camera: np.ndarray, health: Health, trajectory: Sequence[TrajectoryPoint]

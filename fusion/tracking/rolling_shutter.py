@@ -45,18 +45,30 @@ def row_motion(
     readout_s: float, trajectory: Sequence[TrajectoryPoint], pose_time: float, T_view_world: np.ndarray
 ) -> RowMotion | None:
     """Of the next frame, with poses in the coordinates of a view; None where all rows are taken at once, or
-    where the frame before was lost or too long ago to tell how the camera moves.
+    where the last tracked frame is too long ago to tell how the camera moves.
 
     Args:
         trajectory: of all frames before it.
         pose_time: when it is taken [s].
     """
-    if not readout_s or not trajectory or not trajectory[-1].tracked:
+    if not readout_s:
         return None
-    seconds = pose_time - trajectory[-1].pose_time
-    if not 0 < seconds <= MAX_GAP_S:
+    last = last_tracked(trajectory, pose_time)
+    if last is None:
         return None
-    return RowMotion(readout_s, T_view_world @ trajectory[-1].T_world_camera, seconds)
+    point = trajectory[last]
+    return RowMotion(readout_s, T_view_world @ point.T_world_camera, pose_time - point.pose_time)
+
+
+def last_tracked(trajectory: Sequence[TrajectoryPoint], pose_time: float) -> int | None:
+    """Number of the last tracked frame, if it was taken at most MAX_GAP_S before that time [s]."""
+    for k in range(len(trajectory) - 1, -1, -1):
+        seconds = pose_time - trajectory[k].pose_time
+        if not 0 < seconds <= MAX_GAP_S:
+            return None
+        if trajectory[k].tracked:
+            return k
+    return None
 
 
 def undo_rolling_shutter(

@@ -99,6 +99,14 @@ def test_what_tells_nothing_about_the_motion_is_left_alone():
     assert row_motion(READOUT, [point(0.1)], 0.1, np.eye(4)) is None, "no time has passed"
 
 
+def test_rows_after_a_lost_frame_move_as_since_the_last_tracked_one():
+    points = [TrajectoryPoint(k / 30, exp_se3(TWIST * k / 30), True) for k in range(3)]
+    points.append(TrajectoryPoint(0.1, points[-1].T_world_camera, False))
+    found = row_motion(READOUT, points, 4 / 30, np.eye(4))
+    assert found is not None
+    np.testing.assert_allclose(found.twist(exp_se3(TWIST * 4 / 30)), TWIST, atol=1e-9)
+
+
 @pytest.mark.parametrize("poses", ["track", "given"])
 def test_a_camera_that_swings_is_tracked_and_maps_straight_walls(poses):
     """Twelve frames of one swing: rows read late see what an earlier frame's first rows saw."""
