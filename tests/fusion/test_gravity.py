@@ -37,7 +37,7 @@ class Curious:
 def mapped(count: int, pitch=20.0, roll=0.0, scale=1.0, camera=CAMERA, **config) -> tuple[Mapper, Curious]:
     """A mapper after a slow sweep of the camera over the room, and its segmenter."""
     segmenter = Curious()
-    labels = LabelConfig(every=1)
+    labels = LabelConfig(every=1, mirror=False)
     mapper = Mapper(MapConfig(depth_max=60.0, poses="given", labels=labels, **config), camera, segmenter)
     for i in range(count):
         assert mapper.step(frame(i, turned(pitch - 0.5 * i, roll), scale)).tracked
