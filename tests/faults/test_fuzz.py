@@ -48,7 +48,8 @@ def test_a_case_is_put_into_the_right_class(tmp_path, monkeypatch):
         return action
 
     monkeypatch.setattr(runner, "SECONDS", 0.5)
-    monkeypatch.setattr(runner, "MEMORY", 1 << 40)  # a forked process counts what the tests before it left in ours
+    # A forked process counts what the tests before it left in ours.
+    monkeypatch.setattr(runner, "MEMORY", 1 << 40)
     whole = outcome(prints("a map"), tmp_path)
     assert whole.kind == "fine"
     known = {"base": whole.result, "must_tell": True}
