@@ -65,7 +65,7 @@ def _true_cells(grid: Grid, mesh: LabelledMesh, T_level_mesh: np.ndarray) -> tup
     points = transformed(T_level_mesh, _points_on(mesh))
     height = points[:, 2]
     in_the_way = (height > BAND_M[0]) & (height < BAND_M[1])
-    return _count(grid, points[in_the_way]) >= _ENOUGH, _count(grid, points[np.abs(height) < _FLOOR_M]) > 0
+    return grid.count(points[in_the_way]) >= _ENOUGH, grid.count(points[np.abs(height) < _FLOOR_M]) > 0
 
 
 def _points_on(mesh: LabelledMesh) -> np.ndarray:
@@ -92,14 +92,5 @@ def _seen_floor(grid: Grid, run: SavedRun, reference: Sequence, T_level_referenc
             continue
         seen = (depth >= near) & (depth <= far) & (label == CLASS_NAMES.index("floor"))
         points = back_project(depth, reference.intrinsics)[seen]
-        count += _count(grid, transformed(T_level_reference @ T, points))
+        count += grid.count(transformed(T_level_reference @ T, points))
     return count > 0
-
-
-def _count(grid: Grid, points: np.ndarray) -> np.ndarray:
-    """How many points lie over each cell, shape (Y, X)."""
-    index = np.floor((points[:, :2] - grid.low) / grid.cell).astype(np.int64)
-    height, width = grid.cells.shape
-    inside = ((index >= 0) & (index < [width, height])).all(axis=1)
-    flat = index[inside, 1] * width + index[inside, 0]
-    return np.bincount(flat, minlength=height * width).reshape(height, width)

@@ -10,10 +10,9 @@ from scipy.spatial import KDTree
 from dsmap.classes import CLASS_NAMES, VOID
 from dsmap.fusion.objects.boxes import Box, box_overlap, fit_box
 from dsmap.fusion.objects.relations import find_relations
-from dsmap.fusion.objects.things import STRUCTURE, SceneObjects, find_objects
+from dsmap.fusion.objects.things import STRUCTURE, SceneObjects
 from dsmap.fusion.runs.read_run import SavedRun
-from dsmap.fusion.runs.refine import up_of_run
-from dsmap.kernels.label import posterior
+from dsmap.fusion.runs.refine import objects_of_run
 from dsmap.sequences import Sequence
 from dsmap.sequences.mesh import MESH_FILE, LabelledMesh, read_mesh
 
@@ -50,10 +49,8 @@ def evaluate_objects(run: SavedRun, reference: Sequence) -> dict[str, Any]:
     nothing: dict[str, Any] = {"map50": None, "precision": None, "recall": None, "supports": None}
     if run.config.poses != "given" or not any(entry.instance is not None for entry in reference.entries):
         return nothing | {"reason": "needs --poses given and a recording with instances"}
-    up = up_of_run(run)
-    labels = run.config.labels
-    probabilities = posterior(run.surfels, labels.rule, temperature=labels.posterior_temperature)
-    scene = find_objects(run.surfels.numpy(), probabilities, up)
+    scene = objects_of_run(run)
+    up = scene.up
     instances = seen_instances(reference, up, run.config.depth_range[1])
     scores = nothing | average_precision(match_boxes(scene, instances), instances)
     if (reference.path / MESH_FILE).is_file():

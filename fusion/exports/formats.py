@@ -22,9 +22,8 @@ from dsmap.fusion.exports.octomap import OCTREE_VOXEL_M, octomap_voxels, write_o
 from dsmap.fusion.exports.rerun_log import write_rerun
 from dsmap.fusion.exports.run_frames import RunFrames
 from dsmap.fusion.exports.splat import write_splat
-from dsmap.fusion.objects.things import find_objects
 from dsmap.fusion.runs.read_run import SavedRun
-from dsmap.kernels.label import posterior
+from dsmap.fusion.runs.refine import objects_of_run
 from dsmap.sequences import Sequence
 
 
@@ -116,12 +115,10 @@ def _mesh(job: ExportJob, out: Path) -> str:
 
 def _objects(job: ExportJob, out: Path) -> str:
     run, T_level_world = job.mapped, level_transform(job.mapped)
-    labels, surfels = run.config.labels, run.surfels.numpy()
-    probabilities = posterior(run.surfels, labels.rule, temperature=labels.posterior_temperature)
-    scene = find_objects(surfels, probabilities, T_level_world[2, :3])
+    scene = objects_of_run(run)
     found = surface.surface_of(job.surfels, job.cell or surface.MESH_VOXEL_M)
     shown = mesh.in_class_colours(found) if job.class_colours else found
-    count = write_objects_glb(out, split_surface(shown, surfels, scene), scene, T_level_world)
+    count = write_objects_glb(out, split_surface(shown, run.surfels.numpy(), scene), scene, T_level_world)
     return f"{count} of {len(scene.things)} things, {len(scene.planes)} planes"
 
 

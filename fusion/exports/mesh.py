@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -9,6 +10,9 @@ from dsmap.classes import colourise
 from dsmap.files import atomic_path
 from dsmap.fusion.exports.level import transformed
 from dsmap.fusion.exports.surface import SurfaceMesh
+
+if TYPE_CHECKING:
+    import trimesh
 
 _VERTEX = [
     *((name, "<f4") for name in ("x", "y", "z", "nx", "ny", "nz")),
@@ -45,13 +49,9 @@ def write_mesh_glb(path: Path, surface: SurfaceMesh, T_level_world: np.ndarray) 
     Raises:
         ModuleNotFoundError: trimesh is not installed.
     """
-    import trimesh
     from trimesh.exchange.gltf import export_glb
-    from trimesh.visual import ColorVisuals
 
-    vertices, normal = upright(surface, T_level_world)
-    mesh = trimesh.Trimesh(vertices, surface.faces, vertex_normals=normal, process=False)
-    mesh.visual = ColorVisuals(mesh, vertex_colors=surface.colour)
+    mesh = upright_trimesh(surface, T_level_world)
     mesh.vertex_attributes["_LABEL"] = surface.label.astype(np.float32)
     with atomic_path(path) as temporary:
         temporary.write_bytes(export_glb(mesh, include_normals=True))
@@ -64,13 +64,9 @@ def write_mesh_obj(path: Path, surface: SurfaceMesh, T_level_world: np.ndarray) 
     Raises:
         ModuleNotFoundError: trimesh is not installed.
     """
-    import trimesh
     from trimesh.exchange.obj import export_obj
-    from trimesh.visual import ColorVisuals
 
-    vertices, normal = upright(surface, T_level_world)
-    mesh = trimesh.Trimesh(vertices, surface.faces, vertex_normals=normal, process=False)
-    mesh.visual = ColorVisuals(mesh, vertex_colors=surface.colour)
+    mesh = upright_trimesh(surface, T_level_world)
     with atomic_path(path) as temporary:
         temporary.write_text(export_obj(mesh, include_normals=True, include_color=True))
 
@@ -88,7 +84,21 @@ def in_class_colours(surface: SurfaceMesh) -> SurfaceMesh:
     )
 
 
-def upright(surface: SurfaceMesh, T_level_world: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices [m] and normals with y up and the floor at 0, shape (V, 3) each."""
+def upright_trimesh(surface: SurfaceMesh, T_level_world: np.ndarray) -> "trimesh.Trimesh":
+    """The surface with its colours for trimesh's writers, y up and the floor at 0.
+
+    Raises:
+        ModuleNotFoundError: trimesh is not installed.
+    """
+    import trimesh
+    from trimesh.visual import ColorVisuals
+
     T = _T_GLTF_LEVEL @ T_level_world
-    return transformed(T, surface.vertices), surface.normal @ T[:3, :3].T
+    mesh = trimesh.Trimesh(
+        transformed(T, surface.vertices),
+        surface.faces,
+        vertex_normals=surface.normal @ T[:3, :3].T,
+        process=False,
+    )
+    mesh.visual = ColorVisuals(mesh, vertex_colors=surface.colour)
+    return mesh

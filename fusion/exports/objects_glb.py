@@ -9,7 +9,7 @@ from scipy.spatial import KDTree
 
 from dsmap.classes import CLASS_NAMES
 from dsmap.files import atomic_path
-from dsmap.fusion.exports.mesh import upright
+from dsmap.fusion.exports.mesh import upright_trimesh
 from dsmap.fusion.exports.surface import SurfaceMesh
 from dsmap.fusion.objects.things import Plane, SceneObjects, Thing
 
@@ -59,14 +59,11 @@ def write_objects_glb(
     """
     import trimesh
     from trimesh.exchange.gltf import export_glb
-    from trimesh.visual import ColorVisuals
 
     named: dict[int, Thing | Plane] = {one.id: one for one in (*scene.things, *scene.planes)}
     nodes = trimesh.Scene()
     for number, part in parts.items():
-        vertices, normal = upright(part, T_level_world)
-        mesh = trimesh.Trimesh(vertices, part.faces, vertex_normals=normal, process=False)
-        mesh.visual = ColorVisuals(mesh, vertex_colors=part.colour)
+        mesh = upright_trimesh(part, T_level_world)
         mesh.metadata |= _extras(named[number]) if number else {}
         name = named[number].name if number else REST
         nodes.add_geometry(mesh, node_name=name, geom_name=name)

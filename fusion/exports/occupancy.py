@@ -48,6 +48,14 @@ class Grid:
     cell: float
     """Edge of a cell [m]."""
 
+    def count(self, points: np.ndarray) -> np.ndarray:
+        """How many points [m] of the level frame, shape (N, 2) or more columns, lie over each cell, shape (Y, X)."""
+        index = np.floor((points[:, :2] - self.low) / self.cell).astype(np.int64)
+        height, width = self.cells.shape
+        inside = ((index >= 0) & (index < [width, height])).all(axis=1)
+        flat = index[inside, 1] * width + index[inside, 0]
+        return np.bincount(flat, minlength=height * width).reshape(height, width)
+
 
 def occupancy_grid(
     surfels: dict[str, np.ndarray],
@@ -74,22 +82,21 @@ def occupancy_grid(
     points = transformed(T_level_world, surfels["position"][kept].astype(np.float64))
     up = surfels["normal"][kept] @ T_level_world[2, :3]
     named = surfels["label"][kept] == CLASS_NAMES.index("floor")
-    height = points[:, 2]
-    floor = (up > _FACES_UP) & (np.abs(height) < np.where(named, _LABELLED_FLOOR_M, _FLOOR_M))
-    in_the_way = (height > band[0]) & (height < band[1]) & ~floor
+    above = points[:, 2]
+    floor = (up > _FACES_UP) & (np.abs(above) < np.where(named, _LABELLED_FLOOR_M, _FLOOR_M))
+    in_the_way = (above > band[0]) & (above < band[1]) & ~floor
     low = np.floor(points[:, :2].min(axis=0) / cell) * cell - _MARGIN * cell
-    index = np.floor((points[:, :2] - low) / cell).astype(int)
-    shape = tuple(index.max(axis=0) + 1 + _MARGIN)
-    standing = _count(index[in_the_way], shape) >= _ENOUGH
+    width, height = np.floor((points[:, :2].max(axis=0) - low) / cell).astype(int) + 1 + _MARGIN
+    grid = Grid(np.full((height, width), UNKNOWN, np.uint8), low, cell)
+    standing = grid.count(points[in_the_way]) >= _ENOUGH
     # A table top of which some cells were hardly seen has no holes.
     occupied = standing | _closed(standing)
-    seen = _count(index[floor], shape) > 0
+    seen = grid.count(points[floor]) > 0
     # Closing must not reach over an obstacle: the other side of a thin wall is another room.
     closed = _closed(seen)
-    cells = np.full(shape, UNKNOWN, np.uint8)
-    cells[(seen | closed) & ~occupied] = FREE
-    cells[occupied] = OCCUPIED
-    return Grid(np.ascontiguousarray(cells.T), low, cell)
+    grid.cells[(seen | closed) & ~occupied] = FREE
+    grid.cells[occupied] = OCCUPIED
+    return grid
 
 
 def _closed(cells: np.ndarray) -> np.ndarray:
@@ -116,10 +123,3 @@ def write_occupancy(path: Path, grid: Grid, T_level_world: np.ndarray) -> int:
     with atomic_path(path.with_suffix(".yaml")) as temporary:
         temporary.write_text("\n".join(lines) + "\n", encoding="ascii")
     return int((grid.cells == FREE).sum())
-
-
-def _count(index: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-    """How many of the cells (N, 2) lie in each of a grid."""
-    return np.bincount(np.ravel_multi_index(tuple(index.T), shape), minlength=shape[0] * shape[1]).reshape(
-        shape
-    )

@@ -8,17 +8,15 @@ from dsmap.frame import Intrinsics
 from dsmap.fusion.runs.read_run import SavedRun
 from dsmap.kernels.camera import make_camera
 from dsmap.kernels.index_map import render_index
-from dsmap.kernels.label import posterior
 
 
 class MapRenderer:
     """Renders the finished map into a camera: which surfel a pixel sees, its class, its class probabilities."""
 
     def __init__(self, run: SavedRun, camera: Intrinsics):
-        labels = run.config.labels
         self.run = run
         self.camera = make_camera(camera)
-        self.probabilities = posterior(run.surfels, labels.rule, temperature=labels.posterior_temperature)
+        self.probabilities = run.probabilities()
         self.label: np.ndarray = run.surfels.numpy()["label"]
         self._index = wp.full((camera.height, camera.width), -1, dtype=wp.int32, device=run.surfels.device)
 

@@ -16,6 +16,7 @@ from dsmap.fusion.runs.checkpoint import load_map
 from dsmap.fusion.runs.checkpoint_schema import saved_camera
 from dsmap.fusion.state import part_of
 from dsmap.fusion.trajectory import Trajectory, at_colour_stamps
+from dsmap.kernels.label import posterior
 from dsmap.kernels.types import SurfelMap
 from dsmap.plain import brief, read_json, read_yaml
 from dsmap.reading import reading
@@ -48,6 +49,11 @@ class SavedRun:
     """stats.json; empty if there is none."""
     loops: list[dict[str, Any]] | None
     """loops.json: every loop that was closed (see `fusion.evaluate.loops`); None if there is none."""
+
+    def probabilities(self) -> np.ndarray:
+        """Class probabilities of every surfel as the run fused them, shape (N, 13), uniform if unlabelled."""
+        labels = self.config.labels
+        return posterior(self.surfels, labels.rule, temperature=labels.posterior_temperature)
 
 
 def load_run(path: Path | str, device: Any = "cpu", measured: bool = False) -> SavedRun:

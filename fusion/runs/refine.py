@@ -19,7 +19,6 @@ from dsmap.fusion.runs.checkpoint import rewrite_map
 from dsmap.fusion.runs.read_run import SavedRun
 from dsmap.fusion.runs.run_folder import CHECKPOINT
 from dsmap.gravity import estimate_up
-from dsmap.kernels.label import posterior
 from dsmap.kernels.types import SurfelMap
 
 Refined = Callable[[SurfelMap, np.ndarray], tuple[np.ndarray, np.ndarray]]
@@ -77,9 +76,7 @@ def refine_run(run: SavedRun, out: Path, refine: Refined, settings: dict) -> Sce
         The things of the refined map.
     """
     labels, measured = run.config.labels, label_arrays(run.surfels)
-    refined, there = refine(
-        run.surfels, posterior(run.surfels, labels.rule, temperature=labels.posterior_temperature)
-    )
+    refined, there = refine(run.surfels, run.probabilities())
     set_probabilities(run.surfels, refined, there, labels.rule, labels.posterior_temperature)
     up = up_of_run(run)
     scene = find_objects(run.surfels.numpy(), refined, up)
@@ -95,6 +92,11 @@ def refine_run(run: SavedRun, out: Path, refine: Refined, settings: dict) -> Sce
     write_yaml(out / "config.yaml", run.settings | {"refine": settings})
     rewrite_map(run.path / CHECKPOINT, out / CHECKPOINT, run.surfels, measured)
     return scene
+
+
+def objects_of_run(run: SavedRun) -> SceneObjects:
+    """The things and the structure of a run's map, as its objects.json has them."""
+    return find_objects(run.surfels.numpy(), run.probabilities(), up_of_run(run))
 
 
 def up_of_run(run: SavedRun) -> np.ndarray:

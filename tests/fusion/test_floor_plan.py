@@ -39,9 +39,7 @@ def test_points_spread_evenly_over_large_and_small_faces():
 
 def test_shares_of_cells():
     grid = Grid(np.array([[FREE, UNKNOWN], [FREE, FREE]], np.uint8), np.zeros(2), 1.0)
-    counted = floor_plan._count(
-        grid, np.array([[0.5, 0.5, 9.0], [0.6, 0.5, 0.0], [1.5, 1.5, 0.0], [2.5, 0.5, 0.0]])
-    )
+    counted = grid.count(np.array([[0.5, 0.5, 9.0], [0.6, 0.5, 0.0], [1.5, 1.5, 0.0], [2.5, 0.5, 0.0]]))
     np.testing.assert_array_equal(counted, [[2, 0], [0, 1]])
     assert floor_plan._share(counted > 0, grid.cells == FREE) == 2 / 3
     assert floor_plan._share(counted > 0, counted < 0) is None
